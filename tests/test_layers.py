@@ -12,6 +12,7 @@ LAYERS = [
     "moved",
     "lazy",
     "version",
+    "words",
     "errors",
     "streams",
     "pools",

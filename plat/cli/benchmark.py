@@ -44,6 +44,7 @@ from plat.robots import Robot, get_robot
 from plat.runs import on_device
 from plat.runs.user_modules import import_modules
 from plat.version import __version__
+from plat.words import counted
 
 _LONGER = ("distant",)
 
@@ -97,7 +98,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     studies: dict[str, Study] = {}
     write_about(recipe.out, about(recipe, candidates, sets))
     for number, motions in enumerate(sets):
-        told = f"{motions.library.num_clips} clips of {len(set(motions.source_motions))} motions"
+        told = f"{counted(motions.library.num_clips, 'clip')} of {counted(len(set(motions.source_motions)), 'motion')}"
         print(f"\n{motions.name}: {told}, {motions.library.duration:.0f} s", flush=True)
         folder = recipe.out / motions.name
         study = run_study(

@@ -20,6 +20,7 @@ from plat.evaluation.study_files import read_study
 from plat.files import copy_file, replace_file
 from plat.json_file import read_json, short
 from plat.runs.recipe import report_errors
+from plat.words import counted
 
 __all__ = ["ABOUT", "FIGURES", "group_figure", "page", "publish"]
 
@@ -175,7 +176,7 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
         parts += [group_table(groups, metric) for metric in group_metrics(groups)]
         parts += shown(group_figure(kind))
     if study.curves:
-        told = f"TKS@3 (%) at {main.capitalize()}, on {about['robustness_clips']} clips at most.\n"
+        told = f"TKS@3 (%) at {main.capitalize()}, on {counted(about['robustness_clips'], 'clip')} at most.\n"
         parts += [f"### {name}: robustness\n", told, *shown("robustness")]
         parts += [study.curve_table(one) for one in dict.fromkeys(point.disturbance for point in study.curves)]
     if study.interfaces:

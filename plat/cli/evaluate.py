@@ -45,6 +45,7 @@ from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing
+from plat.words import counted
 
 SCORES_PAGE, SCORES_TABLE = "scores.md", "scores.csv"
 """Files of ``--out``: all tables as a page, and the scores of commands."""
@@ -93,7 +94,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     intervals = "95 % intervals over motions in parentheses"
     if library.num_clips == 1:
         intervals = "intervals over one motion say nothing of others"
-    print(f"{library.num_clips} motions, {library.duration:.0f} s; {intervals}")
+    print(f"{counted(library.num_clips, 'motion')}, {library.duration:.0f} s; {intervals}")
     families = families_of(library.clip_names, read_manifest(recipe.manifest), read) if recipe.manifest else None
     plan = StudyPlan(
         horizons=recipe.horizon,
@@ -209,7 +210,8 @@ def conditions_of(recipe: EvaluateRecipe, timing: Timing) -> str:
 
 def other_window(timing: Timing) -> str:
     """Return what there is to say where headings have @3 and the arrival window is another; "" where it is 3."""
-    return "" if timing.window == Timing().window else f"arrival window of {timing.window} control steps, not 3"
+    told = f"arrival window of {counted(timing.window, 'control step')}, not {Timing().window}"
+    return told if timing.window != Timing().window else ""
 
 
 def write_page(recipe: EvaluateRecipe, conditions: str, study: Study, authored: Sequence[str] = ()) -> None:
@@ -270,11 +272,12 @@ def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
     kept: list[int] = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
     if len(kept) == library.num_clips:
         return kept
-    told = f"horizon {horizon!r}: {library.num_clips - len(kept)} of {library.num_clips} motions are shorter than"
-    told += f" {shortest * library.dt:g} s, its shortest command"
+    short = library.num_clips - len(kept)
+    told = f"horizon {horizon!r}: {short} of {counted(library.num_clips, 'motion')} {'is' if short == 1 else 'are'} "
+    told += f"shorter than {shortest * library.dt:g} s, its shortest command"
     if not kept:
         raise PlatError(f"{told}: give longer ones or a shorter horizon (--horizon)")
-    print(f"{told}, and are left out")
+    print(f"{told}, and {'is' if short == 1 else 'are'} left out")
     return kept
 
 

@@ -7,6 +7,7 @@ from plat.cli.options import ExportRecipe
 from plat.export import export_bundle
 from plat.robots import get_robot
 from plat.runs.user_modules import import_modules
+from plat.words import counted
 
 
 def main(recipe: ExportRecipe) -> None:
@@ -16,5 +17,6 @@ def main(recipe: ExportRecipe) -> None:
     check = export_bundle(recipe.run, recipe.out, picture=True)
     print(f"wrote {recipe.out}: {', '.join(sorted(path.name for path in recipe.out.iterdir()))}")
     print(
-        f"largest difference from torch over {check.rows} observations: {check.max_difference:.2g} rad of joint target"
+        f"largest difference from torch over {counted(check.rows, 'observation')}: "
+        f"{check.max_difference:.2g} rad of joint target"
     )

@@ -23,6 +23,7 @@ from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
+from plat.words import counted
 
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
@@ -37,7 +38,7 @@ def from_motion(command: FromMotion) -> KeyframeSequence:
         clip, times, get_robot(command.robot), begin=command.begin, names=names, timing=timing
     )
     sequence.save(command.out)
-    print(f"wrote {command.out}: {len(sequence)} keyframes in {sequence.duration:g} s of {clip.name!r}")
+    print(f"wrote {command.out}: {counted(len(sequence), 'keyframe')} in {sequence.duration:g} s of {clip.name!r}")
     return sequence
 
 
@@ -70,7 +71,9 @@ def show(command: Show) -> KeyframeSequence:
     sequence = KeyframeSequence.load(
         command.file, robot, split=command.split, timing=command.timing, tell=lambda interval: print(interval.words)
     )
-    print(f"{command.file}: {len(sequence)} keyframes for {sequence.robot.name!r} in {sequence.duration:g} s")
+    print(
+        f"{command.file}: {counted(len(sequence), 'keyframe')} for {sequence.robot.name!r} in {sequence.duration:g} s"
+    )
     print(f"{'':>3}  {'name':<20}  {'time s':>7}  {'steps':>5}  {'root x y z m':>20}  most changed joint")
     before, step = sequence.start, 0
     for index, (keyframe, arrival) in enumerate(zip(sequence.keyframes, sequence.arrival_steps, strict=True)):
@@ -146,7 +149,7 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
         if not others:
             others = [start.at(command.every)]
         write_keyframes(command.out, robot, start, others)
-    print(f"wrote {command.out}: {len(poses)} poses as {form}, the first at {poses[0].time:g} s")
+    print(f"wrote {command.out}: {counted(len(poses), 'pose')} as {form}, the first at {poses[0].time:g} s")
     return poses
 
 

@@ -70,6 +70,7 @@ from plat.motions.retargeting.retarget import TURNED
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
+from plat.words import counted
 
 SHEET_COLUMNS = 8
 _SHORTEST = Timing().control_dt  # the shortest command, without which no policy has a use for a clip
@@ -111,7 +112,7 @@ def read(command: MotionFiles, skipped: list[MotionError] | None = None) -> list
             told=told,
         )
     for file in files:
-        print(f"{file.path}: {counted(file.clips)}, {file.facts}")
+        print(f"{file.path}: {counted(len(file.clips), 'clip')}, {file.facts}")
     for line in told:
         print(line)
     for error in skipped:
@@ -163,7 +164,9 @@ def inspect(command: Inspect) -> list[MotionReport]:
             plot(picture, clips[index], reports[index], command.limits, robot)
         print(f"wrote {command.out}")
     if skipped:
-        raise MotionError(f"{len(skipped)} of {len(skipped) + len(files)} files could not be used; see above")
+        raise MotionError(
+            f"{len(skipped)} of {counted(len(skipped) + len(files), 'file')} could not be used; see above"
+        )
     return reports
 
 
@@ -207,7 +210,7 @@ def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], good: int, l
         MotionError: for files that were named and could not be used, and for clips that were too short.
     """
     counts = {
-        f"{len(skipped)} of {len(skipped) + good} files could not be used": len(skipped),
+        f"{len(skipped)} of {counted(len(skipped) + good, 'file')} could not be used": len(skipped),
         f"{lost.short} {'clip was' if lost.short == 1 else 'clips were'} too short": lost.short,
         f"{lost.dropped} {'was' if lost.dropped == 1 else 'were'} dropped, as asked": lost.dropped,
     }
@@ -236,7 +239,7 @@ def cut(command: Convert, clip: MotionClip) -> list[MotionClip]:
         seconds = ", ".join(f"{piece.duration:.1f}" for piece in pieces)
         least = f": none has {command.limits.min_seconds:g} s"
         print(
-            f"cut {clip.name}, {clip.duration:.1f} s, into {counted(pieces)}"
+            f"cut {clip.name}, {clip.duration:.1f} s, into {counted(len(pieces), 'clip')}"
             + (f" of {seconds} s" if pieces else least)
         )
     return pieces
@@ -289,7 +292,7 @@ def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] |
         smoothed = smooth_steps(clip, command.limits.step_speed, robot)
         if smoothed.steps:
             changed = f"joints changed by {smoothed.largest_change:.2f} rad at most"
-            print(f"smoothed {smoothed.steps} single-frame step{'s' * (smoothed.steps != 1)} of {clip.name}: {changed}")
+            print(f"smoothed {counted(smoothed.steps, 'single-frame step')} of {clip.name}: {changed}")
         clip = smoothed.clip
     if command.clip_limits:
         clip = clip_to_limits(clip, robot)
@@ -404,7 +407,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
                     failed += before - len(clips)
                 command.out.mkdir(parents=True, exist_ok=True)
                 save_motions(command.out / f"{split}.npz", clips)
-            print(f"{split}: {len(clips)} clips, {sum(clip.duration for clip in clips):.0f} s")
+            print(f"{split}: {counted(len(clips), 'clip')}, {sum(clip.duration for clip in clips):.0f} s")
             if not clips and (earlier := command.out / f"{split}.npz").exists():
                 earlier.unlink()  # it would be a split of other captures
                 print(f"removed {earlier} of an earlier start")
@@ -412,7 +415,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         proposed = _propose(command.out / "proposed_map.yaml", unknown[1])
         print(f"wrote {proposed}: a map to check and to pass with --map (plat motions map draws it)")
     if failed:
-        raise MotionError(f"{failed} of {len(paths)} files could not be used; see above")
+        raise MotionError(f"{failed} of {counted(len(paths), 'file')} could not be used; see above")
     return made
 
 
@@ -466,7 +469,7 @@ def draw_maps(command: Map) -> list[Path]:
         wrong += bool(told)
         print(f"{path}: {kind} map {skeleton.name!r}{f', {told}' if told else ''}; wrote {written[-1]}")
     if wrong:
-        raise MotionError(f"{wrong} of {len(paths)} files have no map, or one that looks wrong; see above")
+        raise MotionError(f"{wrong} of {counted(len(paths), 'file')} without a map, or one that looks wrong; see above")
     return written
 
 
@@ -497,9 +500,9 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
         for path, file in zip(written, files, strict=True):
             save_motions(path, distinct(file.clips), robot)
     seconds = sum(clip.duration for clip in clips)
-    print(f"wrote {counted(clips)}, {seconds:.0f} s, to {out}")
+    print(f"wrote {counted(len(clips), 'clip')}, {seconds:.0f} s, to {out}")
     if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
-        print(f"of {counted(unsure)} nothing states the frames a second, as the file says: state --fps")
+        print(f"of {counted(len(unsure), 'clip')} nothing states the frames a second, as the file says: state --fps")
     return written
 
 
@@ -528,11 +531,6 @@ def check_out(out: Path, form: str) -> None:
         check_file(out)
     else:
         check_folder(out, expected="a file .npz, or a folder" if form == "npz" else "a folder for --format csv")
-
-
-def counted(clips: Sequence[object]) -> str:
-    """``1 clip``, ``2 clips``."""
-    return f"{len(clips)} clip{'s' * (len(clips) != 1)}"
 
 
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
@@ -579,7 +577,7 @@ def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None
             + f"  [{told}]"
         )
     total = sum(report.seconds for report in reports)
-    print(f"{counted(reports)}, {total:.0f} s: {counted_verdicts([report.verdict for report in reports])}")
+    print(f"{counted(len(reports), 'clip')}, {total:.0f} s: {counted_verdicts([report.verdict for report in reports])}")
 
 
 def counted_verdicts(verdicts: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ from plat.motions.paths import find_files
 from plat.motions.resample import resample_qpos
 from plat.motions.split import split_of
 from plat.robots import Robot
+from plat.words import counted
 
 __all__ = ["PUBLIC", "PublicMotions"]
 
@@ -89,7 +90,7 @@ class PublicMotions:
             raise PlatError(f"--{flag} {str(source)!r}: no {endings} file {which} in it")
         missing = [] if self.clips is None else [name for name in self.clips if name not in found]
         told = f", without {', '.join(missing)}" if missing else ""
-        print(f"{self.option}: reading {len(found)} files{told}", flush=True)
+        print(f"{self.option}: reading {counted(len(found), 'file')}{told}", flush=True)
         clips = load_motions(list(found.values()), robot, fps=self.fps)
         if len({clip.fps for clip in clips}) > 1:  # a file has one rate, and captures of an archive may have several
             clips = [_resampled(clip) for clip in clips]

@@ -30,6 +30,7 @@ from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
+from plat.words import counted
 
 
 def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
@@ -61,7 +62,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     if len(possible_settings(robot)) < len(SETTINGS):
         print(f"left out: settings with capsule feet, robot {robot.name!r} has no sole_capsules")
     seconds = sum(sequence.duration for sequence in sequences)
-    print(f"{len(sequences)} sequences, {sum(map(len, sequences))} keyframes, {seconds:.0f} s")
+    print(f"{counted(len(sequences), 'sequence')}, {counted(sum(map(len, sequences)), 'keyframe')}, {seconds:.0f} s")
     success, joint_mean, place_mean = (f"{name}@{timing.window}" for name in ("TKS", "MPJPE", "MPKPE"))
     print(f"{'':<40}{f'{success} %':>10}{'falls %':>9}{f'{joint_mean} rad':>13}{f'{place_mean} mm':>12}")
     results: dict[str, list[KeyframeScore]] = {}
@@ -87,7 +88,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
             print(f"  {line}", flush=True)
     print(f"errors are means over the keyframes that {success} counts, of what they command")
     if broken:
-        of = f"{broken} of {len(sequences) * len(results)} runs"
+        of = f"{broken} of {counted(len(sequences) * len(results), 'run')}"
         raise ActionError(f"{of} ended early, for the simulation diverged or a target was not finite")
     return results
 

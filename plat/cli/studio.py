@@ -44,6 +44,7 @@ def main(recipe: StudioRecipe) -> None:
     get_robot(recipe.robot)  # a description file makes the policies' robot known
     if named := [name for name in recipe.motions.split() if not name.startswith(PREFIX)]:
         motion_paths(named)  # they are read when the page asks for them
+    check_once(recipe.runs)
     runs = dict(zip(_names(recipe.runs), recipe.runs, strict=True))
     policies = {name: load_policy(run) for name, run in runs.items()}
     robot = next(iter(policies.values())).robot
@@ -89,6 +90,20 @@ def check_together(recipe: StudioRecipe) -> None:
                 f"{flag}: without effect on the page of --static, where keyframe files are opened in the browser; "
                 "expected none beside it"
             )
+
+
+def check_once(runs: tuple[Path, ...]) -> None:
+    """Raise an error for a run that is given twice: the page would have it once.
+
+    Raises:
+        StudioError: naming the run.
+    """
+    known: dict[str, Path] = {}
+    for run in runs:
+        other = known.setdefault(os.path.realpath(expand_home(run)), run)
+        if other is not run:
+            also = "" if str(other) == str(run) else f", also as {str(other)!r}"
+            raise StudioError(f"run {str(run)!r} is given twice{also}: expected each run once")
 
 
 def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[str, Policy], robot: Robot) -> None:

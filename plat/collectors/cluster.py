@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from plat.errors import ConfigError, WorkerError
+from plat.words import counted
 
 __all__ = ["Cluster", "check_ray", "most_each"]
 
@@ -98,4 +99,4 @@ def most_each(machines: Sequence[int], workers: int) -> int:
     for cpus in range(max(machines, default=0), 0, -1):
         if sum(have // cpus for have in machines) >= workers:
             return cpus
-    raise WorkerError(f"--ray: {workers} workers, expected at most {sum(machines)}, the CPUs of the cluster")
+    raise WorkerError(f"--ray: {counted(workers, 'worker')}, expected at most {sum(machines)}, the CPUs of the cluster")

@@ -14,6 +14,7 @@ from plat.collectors.storage import DeviceStorage
 from plat.entries import check_rollout
 from plat.errors import ConfigError, ObservationError, StateError
 from plat.gpu import check_device
+from plat.words import counted
 
 __all__ = ["RolloutReplay", "WindowSampler"]
 
@@ -71,7 +72,7 @@ class RolloutReplay:
         """
         check_rollout(rollout, "replay", (*self._keys, ("next", "done")))
         if len(rollout) != self.num_envs:
-            raise ObservationError(f"replay: rollout of {len(rollout)} robots, expected {self.num_envs}")
+            raise ObservationError(f"replay: rollout of {counted(len(rollout), 'robot')}, expected {self.num_envs}")
         length = rollout.shape[1]
         if self.capacity % length:
             raise ConfigError(f"capacity is {self.capacity}, expected a multiple of the rollouts' {length} steps")
@@ -96,7 +97,7 @@ class RolloutReplay:
             StateError: when it is of another number of robots or steps, or of other entries.
         """
         if (robots := len(state["episode"])) != self.num_envs:
-            raise StateError(f"replay: a state of {robots} robots, expected {self.num_envs}")
+            raise StateError(f"replay: a state of {counted(robots, 'robot')}, expected {self.num_envs}")
         rows = state["buffer"]["_storage"]["_storage"]
         kept = {name.partition(".")[0] for name in rows} - {"episode", "index"}
         wanted = {key if isinstance(key, str) else key[0] for key in self._keys}
@@ -157,7 +158,7 @@ class WindowSampler(Sampler):
         replay, wanted = self._replay, batch_size // self.length
         span = min(len(replay), self.recent or len(replay))
         if span < self.length:
-            raise ConfigError(f"replay: {span} control steps, expected at least a window of {self.length}")
+            raise ConfigError(f"replay: {counted(span, 'control step')}, expected at least a window of {self.length}")
         # windows with an end in them are rejected: the spare ones suffice for episodes of a few windows' length
         drawn = wanted if self.length == 1 else wanted + wanted // 2 + 8
         device = replay._episode.device

@@ -21,6 +21,7 @@ from plat.errors import ConfigError, StateError, WorkerError
 from plat.gpu import check_device
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
+from plat.words import counted
 
 __all__ = ["WorkerRollouts", "collect"]
 
@@ -117,7 +118,10 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         check_policy(policy, "rollouts")
         check_value("rollouts: workers", workers, Count)
         if workers > num_envs:
-            raise ConfigError(f"rollouts: {workers} workers for {num_envs} robots, expected at most one for each")
+            raise ConfigError(
+                f"rollouts: {counted(workers, 'worker')} for {counted(num_envs, 'robot')}, "
+                "expected at most one for each"
+            )
         self._policy = policy
         self._device = check_device(device)
         self._ahead = ahead and workers > 1
@@ -245,8 +249,8 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         states = state.get("workers", ())
         if len(states) != len(self._jobs):
             raise StateError(
-                f"rollouts: a state of {len(states) or 'no'} workers, expected {len(self._jobs)}; go on with as many "
-                "as before (--workers)"
+                f"rollouts: a state of {counted(len(states), 'worker') if states else 'no workers'}, "
+                f"expected {len(self._jobs)}; go on with as many as before (--workers)"
             )
         for future in self._pending:
             future.result()

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from plat.errors import BundleError
 from plat.json_file import short
+from plat.words import counted
 
 __all__ = ["check_joints", "plain_joint"]
 
@@ -50,4 +51,4 @@ def check_joints(where: str, ours: Sequence[str], given: Sequence[str] | Mapping
         if plain_joint(expected) != plain_joint(name):
             raise BundleError(f"{where}: joint {index} is {expected!r} in the bundle and {name!r} on this robot")
     if len(ours) != len(given):
-        raise BundleError(f"{where}: {len(ours)} joints in the bundle, {len(given)} on this robot")
+        raise BundleError(f"{where}: {counted(len(ours), 'joint')} in the bundle, {len(given)} on this robot")

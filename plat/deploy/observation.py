@@ -19,6 +19,7 @@ from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
 from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
 from plat.spec.parts import WHOLE_ONLY, Parts
 from plat.spec.timing import SOON, Timing
+from plat.words import counted
 
 __all__ = ["ObservationBuilder", "ObservationTerm", "observation_terms"]
 
@@ -194,7 +195,7 @@ class ObservationBuilder:
             raise StateError(f"keyframe: commands is {short(commands)}, expected plat.spec.parts.Parts or None")
         mask = commands.mask()
         if len(mask) != len(self._whole):
-            raise StateError(f"keyframe: commands has {len(mask)} flags, expected {len(self._whole)}")
+            raise StateError(f"keyframe: commands has {counted(len(mask), 'flag')}, expected {len(self._whole)}")
         if mask.all():
             return None
         if "parts" not in self.also:

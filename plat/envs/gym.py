@@ -36,7 +36,7 @@ from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon
 from plat.envs.transforms.terminations import commanded_parts
 from plat.errors import ActionError, TaskError
 from plat.motions.library import MotionLibrary
-from plat.spec.observation import observation_size, student_keys
+from plat.spec.observation import observation_size, optional_groups, student_keys
 from plat.spec.timing import Timing
 
 __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
@@ -90,7 +90,8 @@ class _Task:
         also: Sequence[str],
     ):
         check_value("timing", timing, Timing)
-        if getattr(task, "partial", 0) and "parts" not in also:
+        self._keys = student_keys(also)
+        if getattr(task, "partial", 0) and "parts" not in optional_groups(self._keys):
             raise TaskError(
                 "task.partial: the observation does not say which parts are commanded, expected also=('parts',)"
             )
@@ -106,7 +107,6 @@ class _Task:
         self.env.insert_transform(3, _Nearness())
         self._starts = next(part for part in self.env.transform if isinstance(part, FailureWeightedStarts))
         self.robot = library.robot
-        self._keys = student_keys(also)
         size = observation_size(self._keys, self.robot)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         bound = np.full(self.robot.num_joints, _ACTION_BOUND, np.float32)

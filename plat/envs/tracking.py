@@ -22,6 +22,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate_inverse
 from plat.spec.observation import as_observed, entry_shapes
+from plat.words import counted
 
 __all__ = ["MotionTrackingEnv", "ResetNoise"]
 
@@ -183,7 +184,7 @@ class MotionTrackingEnv(EnvBase):
             found = readings[name].shape[-1] if name in readings else None
             if found != size:
                 data = 'reduce="netforce" data="found force"' if size == 4 else 'data="found"'
-                was = "is missing" if found is None else f"reads {found} numbers"
+                was = "is missing" if found is None else f"reads {counted(found, 'number')}"
                 raise RobotError(
                     f"robot {self.robot.name!r}: sensor {name!r} {was}, expected a contact sensor with {data}"
                 )

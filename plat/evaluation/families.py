@@ -7,6 +7,7 @@ from pathlib import Path
 from plat.errors import RecordsError
 from plat.files import readable, refuse_null
 from plat.json_file import short
+from plat.words import counted
 
 __all__ = ["OTHER", "families_of", "read_manifest"]
 
@@ -69,7 +70,9 @@ def families_of(clips: Sequence[str], families: dict[str, str], files: Iterable[
     prefixes = {f"{readable(name)}_" for path in files for name in (path.stem, path.absolute().parent.name)}
     found = [_family(clip, families, prefixes) for clip in clips]
     if not any(found):
-        raise RecordsError(f"manifest: names none of the {len(clips)} clips, which are called {clips[0]!r} and so on")
+        raise RecordsError(
+            f"manifest: names none of the {counted(len(clips), 'clip')}, which are called {clips[0]!r} and so on"
+        )
     return [family or OTHER for family in found]
 
 

@@ -11,6 +11,7 @@ from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
 from plat.evaluation.score_table import GROUP_METRICS, Metric
+from plat.words import counted
 
 __all__ = ["GroupScore", "group_table", "score_groups"]
 
@@ -56,7 +57,9 @@ def score_groups(
         RecordsError: when there are not as many labels as rows.
     """
     if len(labels) != len(runs[0].clip):
-        raise RecordsError(f"{len(labels)} labels for {len(runs[0].clip)} rows of records, expected one each")
+        raise RecordsError(
+            f"{counted(len(labels), 'label')} for {counted(len(runs[0].clip), 'row')} of records, expected one each"
+        )
     groups = [name for name in order if name in labels] + sorted(set(labels) - set(order))
     scores = []
     for group in groups:

@@ -146,7 +146,9 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
     required = ("format", "version", "robot", "quaternion_order", "keyframes")
     _check_fields(content, required, ("start",))
     if content["robot"] != robot.name:
-        raise KeyframeError(f"robot is {short(content['robot'])}, expected {robot.name!r}")
+        raise KeyframeError(
+            f"robot is {short(content['robot'])}, expected {robot.name!r}; for another give --robot PATH"
+        )
     order = content["quaternion_order"]
     if not isinstance(order, str) or order not in _QUATERNION_ORDERS:
         raise KeyframeError(f"quaternion_order is {short(order)}, expected 'wxyz' or 'xyzw'")

@@ -19,6 +19,7 @@ from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpola
 from plat.keyframes.roots import as_arrived, with_commanded_root
 from plat.keyframes.splits import LongInterval, long_intervals, unit_doubt
 from plat.spec.timing import Timing
+from plat.words import counted
 
 if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
@@ -273,7 +274,9 @@ class KeyframeSequence:
         poses = [Keyframe.from_motion(motion, time, robot) for time in times]
         labels = [None] * len(times) if names is None else as_names(names)
         if len(labels) != len(times):
-            raise KeyframeError(f"names: {len(labels)} for {len(times)} keyframes, expected one for each or none")
+            raise KeyframeError(
+                f"names: {len(labels)} for {counted(len(times), 'keyframe')}, expected one for each or none"
+            )
         keyframes = (
             replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
         )

@@ -11,6 +11,7 @@ from plat.errors import MotionError
 from plat.json_file import short
 from plat.robots.robot import Robot
 from plat.rotations_np import UNIT_TOLERANCE
+from plat.words import counted
 
 __all__ = ["ASSUMED_RATE", "MotionClip", "as_clips"]
 
@@ -97,10 +98,10 @@ class MotionClip:
             )
         if qpos.shape[1] != 7 + joints:
             raise MotionError(
-                f"motion {self.name!r}: qpos has {qpos.shape[1]} columns, expected {7 + joints} ({layout})"
+                f"motion {self.name!r}: qpos has {counted(qpos.shape[1], 'column')}, expected {7 + joints} ({layout})"
             )
         if len(qpos) < least:
-            raise MotionError(f"motion {self.name!r}: {len(qpos)} frames, expected at least {least}")
+            raise MotionError(f"motion {self.name!r}: {counted(len(qpos), 'frame')}, expected at least {least}")
         if not (is_finite(self.fps) and self.fps > 0):
             raise MotionError(f"motion {self.name!r}: fps is {short(self.fps)}, expected a positive number")
         finite = np.isfinite(qpos)

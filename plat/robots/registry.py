@@ -64,7 +64,7 @@ def get_robot(name_or_path: str | Path) -> Robot:
     if path.suffix != ".json":
         raise RobotError(
             f"robot {short(str(name_or_path))} is unknown, expected one of {sorted(_ROBOTS)}, one that "
-            "plat.robots.register_robot was given, or the path of a JSON description"
+            "plat.robots.register_robot was given, or the path of a JSON description (--robot PATH)"
         )
     return register_robot(_read(path))
 

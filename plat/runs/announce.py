@@ -9,6 +9,7 @@ import torch
 
 from plat.envs.physics.mujoco_batch import available_cpus
 from plat.precision import Precision, has_fast_bfloat16
+from plat.words import counted
 
 if TYPE_CHECKING:
     from plat.motions.library import MotionLibrary
@@ -33,15 +34,15 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
     """
     half = precision == "bfloat16" or (precision == "auto" and has_fast_bfloat16(recipe.device))
     limits = [
-        *([f"{recipe.minutes:g} minutes"] if recipe.minutes is not None else []),
-        *([f"{recipe.steps:,} steps"] if recipe.steps is not None else []),
+        *([counted(recipe.minutes, "minute")] if recipe.minutes is not None else []),
+        *([counted(recipe.steps, "step")] if recipe.steps is not None else []),
     ]
-    workers = f", in {_counted(recipe.workers, 'worker')}{' on Ray' * recipe.ray}" if recipe.workers else ""
+    workers = f", in {counted(recipe.workers, 'worker')}{' on Ray' * recipe.ray}" if recipe.workers else ""
     print(
-        f"{recipe.name}: {_counted(library.num_clips, 'clip')}, {library.duration:.0f} s; "
-        f"{_counted(recipe.num_envs, 'robot')} on {_counted(available_cpus(), 'CPU')}"
+        f"{recipe.name}: {counted(library.num_clips, 'clip')}, {library.duration:.0f} s; "
+        f"{counted(recipe.num_envs, 'robot')} on {counted(available_cpus(), 'CPU')}"
         f"{workers}; networks on {recipe.device}, "
-        f"{_counted(torch.get_num_threads(), 'thread')}, {'bfloat16' if half else 'float32'}; "
+        f"{counted(torch.get_num_threads(), 'thread')}, {'bfloat16' if half else 'float32'}; "
         f"for {' or '.join(limits)}\n"
         f"into {recipe.out}, a checkpoint every {recipe.save_every:g} s; good: {good}",
         flush=True,
@@ -67,7 +68,3 @@ def next_command(out: Path, *words: str | Path | Sequence[str], robot: str = "g1
     command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
     files = ", ".join(name for name in _FILES if (out / name).exists())
     return f"the run is in {out}{': ' if files else ''}{files}\nnext: {command}"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number:,} {what}{'s' * (number != 1)}"

@@ -22,6 +22,7 @@ from plat.runs.lock import RunLock
 from plat.runs.outputs import WEIGHTS_FILE, check_out
 from plat.runs.policies import policy_spec
 from plat.runs.saved_run import SavedRun, save_weights
+from plat.words import counted
 
 __all__ = ["average_runs", "average_weights"]
 
@@ -155,7 +156,7 @@ def average_runs(
         alone = "; with one, --symmetric lets it act by both sides, and --reach default shows it far keyframes nearer"
         raise ConfigError(f"runs: {len(runs)}, expected two or more to average{alone if runs else ''}")
     if shares and len(shares) != len(runs):
-        raise ConfigError(f"--shares: {len(shares)} numbers, expected {len(runs)}, one for each run")
+        raise ConfigError(f"--shares: {counted(len(shares), 'number')}, expected {len(runs)}, one for each run")
     for share in shares:
         check_value("--shares", share, Positive)
     largest = max(shares, default=1.0)  # divided by first: the sum may be too large for a number

@@ -15,6 +15,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.registry import get_robot
 from plat.robots.robot import Robot
 from plat.runs.recipe import RecipeConfig
+from plat.words import counted
 
 __all__ = [
     "changed_inputs",
@@ -133,7 +134,7 @@ def changed_inputs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
 def _changed_clips(before: Any, now: list[list[Any]]) -> list[str]:
     for number, (old, new) in enumerate(zip_longest(before, now)):
         if old is None or new is None:
-            return [f"{len(now)} clips, were {len(before)}"]
+            return [f"{counted(len(now), 'clip')}, were {len(before)}"]
         if old[0] != new[0]:
             return [f"clip {number} is {new[0]!r}, was {old[0]!r}"]
         if old[1] != new[1]:

@@ -42,6 +42,7 @@ from plat.runs.policies import check_rebuilt, complete_spec, policy_spec
 from plat.runs.recipe import RecipeConfig
 from plat.runs.saved_run import CONFIG_FILE, WEIGHTS_FILE, SavedRun, save_weights
 from plat.version import __version__
+from plat.words import counted
 
 __all__ = ["Run"]
 
@@ -188,7 +189,7 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is None and self._stop.asked and self.finished:  # what was said is that it stops
-            print(f"{str(self.folder)!r}: the run is finished, with {self.budget.steps:,} steps", flush=True)
+            print(f"{str(self.folder)!r}: the run is finished, with {counted(self.budget.steps, 'step')}", flush=True)
         self._stop.__exit__(kind, error, trace)
         self._lock.release()
         if kind is None and self._stop.asked:  # while the run ended: what would follow is not wanted either
@@ -223,7 +224,7 @@ class Run:
             self.finished = self.budget.done
         if self.finished:
             print(
-                f"{str(self.folder)!r}: the run is finished, with {self.budget.steps:,} steps; "
+                f"{str(self.folder)!r}: the run is finished, with {counted(self.budget.steps, 'step')}; "
                 "it goes on with more --steps or --minutes",
                 flush=True,
             )
@@ -245,7 +246,7 @@ class Run:
                 f"{str(self.folder)!r}: the run has weights but no checkpoint to go on from; start another one with "
                 "--init where the recipe has it"
             )
-        print(f"resumed from {latest} at {self.budget.steps:,} steps", flush=True)
+        print(f"resumed from {latest} at {counted(self.budget.steps, 'step')}", flush=True)
         for name, (old, new) in changed.items():
             print(f"goes on with {name} {new} in place of {old}", flush=True)
         part = {key: before[key] for key in ("recipe", "made_with") if key in before}
@@ -373,7 +374,7 @@ class Run:
         """Save and end the program."""
         try:
             self.save()
-            print(f"stopped with a checkpoint at {self.budget.steps:,} steps", flush=True)
+            print(f"stopped with a checkpoint at {counted(self.budget.steps, 'step')}", flush=True)
         except CheckpointError as error:
             print(f"stopped: {error}", flush=True)
         self._metrics.close()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
 
-from plat.bounds import as_names, check_robot
+from plat.bounds import as_names, check_robot, shown
 from plat.errors import ObservationError
 
 __all__ = [
@@ -317,8 +317,10 @@ def student_keys(also: Sequence[str] = ()) -> tuple[Key, ...]:
         also: those of :data:`OPTIONAL_GROUPS` that it observes as well, in the order of that tuple; or one of them.
 
     Raises:
-        ObservationError: for a group that is not optional.
+        ObservationError: for a group that is not optional, and for what holds no names.
     """
+    if not isinstance(also, Iterable):
+        raise ObservationError(f"also is {shown(also)}, expected some of {OPTIONAL_GROUPS}")
     also = as_names(also)
     unknown = [group for group in also if group not in OPTIONAL_GROUPS]
     if unknown:

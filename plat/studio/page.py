@@ -10,7 +10,7 @@ from plat.studio.desk import Desk, Task
 from plat.studio.dock import Dock, Message
 from plat.studio.session import Session
 
-__all__ = ["Page", "counted"]
+__all__ = ["Page"]
 
 
 class Page:
@@ -155,12 +155,3 @@ class Page:
     def notify(self, title: str, text: str, kind: str = "info") -> None:
         """Show a message; ``kind`` is ``"info"``, ``"good"`` or ``"error"``."""
         self.dock.note(title, text, kind)
-
-
-def counted(number: int, what: str) -> str:
-    """Return a number of things in words.
-
-    >>> counted(1, "pose"), counted(2, "pose")
-    ('1 pose', '2 poses')
-    """
-    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -1,6 +1,6 @@
 """Playback of the keyframes by one policy or two: play, pause, step, slow motion, and looking at it again."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 
 from tensordict.nn import TensorDictModuleBase
@@ -13,7 +13,7 @@ from plat.spec.timing import Timing, timing_of
 from plat.studio.player import Player, score
 from plat.studio.timeline import Timeline
 
-__all__ = ["SPEEDS", "Playback", "common_timing"]
+__all__ = ["SPEEDS", "Playback", "common_timing", "nobody"]
 
 SPEEDS = {"1x": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1}
 """Speeds of playback by label: seconds of the robot per second."""
@@ -250,6 +250,18 @@ class Playback:
     def _check(self, policy: str) -> None:
         if policy not in self.policies:
             raise StudioError(f"policy {policy!r}, expected one of {', '.join(self.policies)}")
+
+
+def nobody(policies: Collection[str]) -> str:
+    """Return what the page calls no policy: something that none of the policies is called.
+
+    >>> nobody(["plat"]), nobody(["plat", "nobody"])
+    ('nobody', 'nobody else')
+    """
+    name = "nobody"
+    while name in policies:
+        name += " else"
+    return name
 
 
 def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:

@@ -23,7 +23,7 @@ from plat.studio.player import chased
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed, symmetric
 from plat.studio.templates import template
-from plat.studio.timeline import NEW_INTERVAL, Timeline
+from plat.studio.timeline import LONGEST_INTERVAL, NEW_INTERVAL, Timeline
 
 __all__ = ["Session"]
 
@@ -139,9 +139,17 @@ class Session:
         """Add a keyframe at a time (s): interpolated, or after the end in the last pose.
 
         Where a keyframe is already, or is held, it is selected.
+
+        Raises:
+            KeyframeError: for a time that is too long after the end.
         """
         timeline = self.timeline
         if time > timeline.duration + 1e-6:
+            if time - timeline.duration > LONGEST_INTERVAL + 1e-6:
+                raise KeyframeError(
+                    f"a keyframe at {time:.2f} s would be {time - timeline.duration:.2f} s after the end, "
+                    f"expected at most {LONGEST_INTERVAL:g} s"
+                )
             last = timeline.select(len(timeline.keyframes))
             self.edit(last.inserted(replace(last.pose, name=None), time - timeline.duration))
             return
@@ -255,7 +263,7 @@ class Session:
         self.change_pose(lambda qpos: placed(self.robot.default_qpos, self.robot.default_qpos, qpos))
 
     def begin_drag(self) -> None:
-        """Start dragging something: all until :meth:`release` is one step to undo."""
+        """Start dragging something: all until :meth:`end_drag` is one step to undo, with any pauses in it."""
         self.history.end_gesture()
         self._dragging = True
 
@@ -289,10 +297,15 @@ class Session:
         side = moved.partition("_")[0].partition(" ")[0]
         return symmetric(qpos, side, self.robot) if self.symmetric and side in ("left", "right") else qpos
 
-    def release(self) -> None:
-        """End the drag."""
-        self._grip, self._dragging = None, False
+    def end_drag(self) -> None:
+        """End what :meth:`begin_drag` started: the next edit is a step of its own."""
+        self._dragging = False
         self.history.end_gesture()
+
+    def release(self) -> None:
+        """Let go of the handle, and end the drag."""
+        self._grip = None
+        self.end_drag()
 
     # motions
 

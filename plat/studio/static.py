@@ -22,6 +22,7 @@ from plat.scratch import Scratch
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies, preset
+from plat.studio.playback import nobody
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
 from plat.studio.templates import TEMPLATES
 
@@ -142,6 +143,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         },
         "templates": {name: [asdict(step) for step in steps] for name, steps in TEMPLATES.items()},
         "policies": list(policies),
+        "nobody": nobody(policies),
     }
 
 

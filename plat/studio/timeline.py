@@ -16,7 +16,7 @@ __all__ = ["LONGEST_INTERVAL", "NEW_INTERVAL", "Timeline"]
 NEW_INTERVAL = 0.6
 """Seconds that a new keyframe gives to arrive in it."""
 LONGEST_INTERVAL = 30.0
-"""Longest time between two keyframes, and longest hold (s)."""
+"""Longest time between two keyframes, and longest hold (s), that edits make; those of files may be longer."""
 
 # Ends the name of the keyframe that ends a hold, in files.
 _HOLD = "(hold)"
@@ -253,7 +253,7 @@ class Timeline:
         """
         self._check_keyframe("moved in time")
         gaps = self._gaps()
-        gaps[self.selected - 1] = self._allowed(interval)
+        gaps[self.selected - 1] = self._allowed(interval, had=gaps[self.selected - 1])
         return self._spaced(self.keyframes, gaps, self._hold_steps(), self.selected)
 
     def held(self, seconds: float) -> Timeline:
@@ -264,14 +264,14 @@ class Timeline:
         """
         self._check_keyframe("held")
         holds = self._hold_steps()
-        holds[self.selected - 1] = self._allowed(seconds, 0)
+        holds[self.selected - 1] = self._allowed(seconds, 0, holds[self.selected - 1])
         return self._spaced(self.keyframes, self._gaps(), holds, self.selected)
 
     def retimed(self, number: int, time: float) -> Timeline:
         """Move keyframe ``number`` to a time (s) between its neighbors; no other one moves."""
         gaps, holds = self._gaps(), self._hold_steps()
         before = sum(gaps[: number - 1]) + sum(holds[: number - 1])
-        asked = self._allowed(self.timing.control_dt * (self.timing.steps(time) - before))
+        asked = self._allowed(self.timing.control_dt * (self.timing.steps(time) - before), had=gaps[number - 1])
         if number < len(gaps):
             both = gaps[number - 1] + gaps[number]
             asked = min(asked, both - 1)
@@ -312,9 +312,9 @@ class Timeline:
         if self.selected == 0:
             raise KeyframeError(f"the start pose cannot be {what}: select a keyframe")
 
-    def _allowed(self, seconds: float, least: int = 1) -> int:
-        """Return the control steps nearest to an interval or hold (s) that are allowed."""
-        return min(max(self.timing.steps(seconds), least), self.timing.steps(LONGEST_INTERVAL))
+    def _allowed(self, seconds: float, least: int = 1, had: int = 0) -> int:
+        """Return the control steps nearest to an interval or hold (s) that are allowed, where it had so many before."""
+        return min(max(self.timing.steps(seconds), least), max(self.timing.steps(LONGEST_INTERVAL), had))
 
 
 def _hold_name(frame: Keyframe) -> str:

@@ -32,6 +32,7 @@ from plat.tasks.rows import for_some
 from plat.tasks.settings import TimedKeyframesConfig
 from plat.tasks.starts import ClipStarts, FailureWeights, disturbed
 from plat.tasks.task import Task, robot_entries
+from plat.words import counted
 
 __all__ = ["TimedKeyframes", "TimedKeyframesConfig"]
 
@@ -115,7 +116,7 @@ class TimedKeyframes(Task):
         super().__init__(library.robot, library.dt)
         self.config = config = config or TimedKeyframesConfig()
         self.timing = timing or Timing(control_dt=library.dt)
-        self.timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
+        self.timing.check_control_dt(library.dt, f"motion library of {counted(library.num_clips, 'clip')}")
         self.timing.check_steps(config.shortest, "shortest command along a motion (task.shortest)")
         self.reset_noise = reset_noise
         self.chains = chains = draw_chains(library, config.chains, config.families, seed=seed, timing=self.timing)

@@ -123,7 +123,7 @@ def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
         "| humantracker | plain | ",
         "### motions: with the dense reference",
         "| supermimic | expert | ",
-        "TKS@3 (%) at Mixed, on 1 clips at most",
+        "TKS@3 (%) at Mixed, on 1 clip at most",
         "## generated",
     ):
         assert wanted in text, wanted

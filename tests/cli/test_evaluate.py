@@ -76,7 +76,7 @@ def test_folders_of_motions_are_searched_once(runs, monkeypatch):
 def test_only_some_motions(runs, capsys):
     (score,) = evaluate.main(recipe(runs, "plain", only="run"))
     assert score.records[0].clip.unique().tolist() == [0]
-    assert capsys.readouterr().out.startswith("1 motions, 2 s; intervals over one motion say nothing of others")
+    assert capsys.readouterr().out.startswith("1 motion, 2 s; intervals over one motion say nothing of others")
 
 
 def test_what_a_robot_meets(runs):

@@ -22,7 +22,7 @@ def test_a_run_becomes_a_bundle(tmp_path):
     assert result.returncode == 0, result.stderr
     assert "README.md, bundle.json, example.json" in result.stdout
     assert "policy.onnx, scene.xml" in result.stdout
-    assert "largest difference from torch over 1024 observations: " in result.stdout
+    assert "largest difference from torch over 1,024 observations: " in result.stdout
     assert "Warning" not in result.stderr
     assert PolicyRunner(tmp_path / "bundle").bundle.scores[0].value == 99.5
     assert json.loads((tmp_path / "bundle" / "bundle.json").read_text())["scores"][0]["metric"] == "tks"

@@ -57,7 +57,7 @@ def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
         ({}, "expected either --times or --every"),
         ({"times": (0.5,), "every": 0.5}, "expected either --times or --every"),
         ({"every": 2.0}, "every is 2 s, expected 0.02 to 1"),
-        ({"times": (0.5,), "names": ("a", "b")}, "names: 2 for 1 keyframes"),
+        ({"times": (0.5,), "names": ("a", "b")}, "names: 2 for 1 keyframe,"),
         ({"times": (0.5, 1.9)}, "keyframe 1: time is 1.9 s, 70 control steps after 0.5 s"),
     ],
 )
@@ -78,6 +78,12 @@ def test_show_prints_a_row_a_keyframe(capsys):
     assert len(rows) == 2 + 5
     assert "bow" in rows[3]
     assert "left_hip_pitch" in rows[3]
+
+
+def test_one_keyframe_is_called_one(tmp_path, capsys):
+    write_keyframes(tmp_path / "one.json", G1, standing(G1), [standing(G1).at(0.5)])
+    keyframes.main(keyframes.Show(file=tmp_path / "one.json"))
+    assert capsys.readouterr().out.startswith(f"{tmp_path / 'one.json'}: 1 keyframe for 'g1' in 0.5 s\n")
 
 
 def test_show_names_what_partial_keyframes_command(tmp_path, capsys):

@@ -17,7 +17,7 @@ def test_motion_capture_is_retargeted_once(tmp_path, capsys):
     path = bandai.file(folder, tmp_path / "out", G1)
     assert path == tmp_path / "out" / "motions" / "bandai_val.npz"
     assert [clip.name for clip in load_motions(path)] == ["clip_1"]
-    assert capsys.readouterr().out == "bandai: reading 1 files\n"
+    assert capsys.readouterr().out == "bandai: reading 1 file\n"
     assert bandai.file(folder, tmp_path / "out", G1) == path
     assert capsys.readouterr().out == f"motions of an earlier start: {path}; remove it to read {folder} again\n"
     assert bandai.file(path, tmp_path / "other", G1) == path  # a file is taken as it is
@@ -36,7 +36,7 @@ def test_named_files_are_taken_from_their_folder_at_their_rate(tmp_path, capsys)
     (clip,) = load_motions(moves.file(tmp_path, tmp_path / "out", G1))
     assert (clip.name, clip.fps, len(clip.qpos)) == ("M_Move18", 60.0, 31)
     told = "without B_WiggleDance, J_ShortDance16_JazzWalk, M_Move19"
-    assert capsys.readouterr().out == f"g1_moves: reading 1 files, {told}\n"
+    assert capsys.readouterr().out == f"g1_moves: reading 1 file, {told}\n"
     assert moves.families(["M_Move18", "B_WiggleDance"]) == ["fight", "dance"]
     with pytest.raises(PlatError, match="--g1-moves .*: no .csv file of the names B_WiggleDance, .*M_Move19 in it"):
         moves.file(tmp_path / "dance", tmp_path / "other", G1)

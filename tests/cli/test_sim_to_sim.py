@@ -74,7 +74,7 @@ def test_the_table(tmp_path, capsys):
     recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path / "bundle", motions=(), keyframes=(tmp_path / "stand.json",))
     results = sim_to_sim.main(recipe)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "1 sequences, 2 keyframes, 0 s"
+    assert lines[0] == "1 sequence, 2 keyframes, 0 s"
     assert lines[1].split() == ["TKS@3", "%", "falls", "%", "MPJPE@3", "rad", "MPKPE@3", "mm"]
     assert [len(scores) for scores in results.values()] == [2] * len(sim_to_sim.SETTINGS)
     for physics, line in zip(sim_to_sim.SETTINGS, lines[2:], strict=False):

@@ -140,6 +140,17 @@ def test_runs_in_folders_of_the_same_name_are_told_apart():
     assert studio._names(runs) == ["a/plat", "b/plat", "expert"]
 
 
+def test_a_run_that_is_given_twice_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to("a")
+    studio.check_once((Path("a"), Path("b/a"), Path("plat-g1")))
+    with pytest.raises(StudioError, match="^run 'a' is given twice: expected each run once$"):
+        studio.check_once((Path("a"), Path("b"), Path("a")))
+    for other in (tmp_path / "a", Path("link")):
+        with pytest.raises(StudioError, match=f"^run '{other}' is given twice, also as 'a': expected each run once$"):
+            studio.check_once((Path("a"), other))
+
+
 def test_the_run_of_the_working_directory_has_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plat").mkdir()

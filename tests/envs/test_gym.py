@@ -218,6 +218,11 @@ def test_vector_form():
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
         ({"task": 0.5}, "config is 0.5, expected a DistillationTaskConfig"),
         ({"timing": 0.02}, "timing is 0.02, expected a Timing"),
+        ({"horizon": ["short"]}, r"horizon is \['short'\], expected one of: single"),
+        ({"also": 5}, r"also is 5, expected some of \('parts', 'clock'\)"),
+        ({"also": (5,)}, "observation group 5: expected some of"),
+        ({"task": KeyframeTaskConfig(partial=0.5), "also": None}, "also is None, expected some of"),
+        ({"also": "parts clock"}, "observation group 'parts clock': expected some of"),
     ],
 )
 def test_an_argument_that_does_not_fit_is_named(arguments, message):

@@ -183,7 +183,7 @@ def test_past_steps_keep_their_values(library):
         (
             'body1="left_ankle_roll_link" body2="world" reduce="netforce" data="found force"',
             'body1="left_ankle_roll_link" body2="world" data="found"',
-            'sensor \'left_foot_contact\' reads 1 numbers, expected .* reduce="netforce" data="found force"',
+            'sensor \'left_foot_contact\' reads 1 number, expected .* reduce="netforce" data="found force"',
         ),
     ],
 )

@@ -36,7 +36,7 @@ def test_what_is_missing_is_named(tmp_path):
     (tmp_path / "bad.csv").write_text("clip,kind\na,walk\n")
     with pytest.raises(RecordsError, match=r"bad.csv.*no column \['family'\]"):
         read_manifest([tmp_path / "bad.csv"])
-    with pytest.raises(RecordsError, match="names none of the 1 clips, which are called 'z'"):
+    with pytest.raises(RecordsError, match="names none of the 1 clip, which are called 'z'"):
         families_of(["z"], {"a": "walk"})
 
 

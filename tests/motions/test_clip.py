@@ -33,7 +33,7 @@ def broken(**changes) -> MotionClip:
         (broken(qpos=good()[0]), r"shape \(36,\)"),
         (broken(qpos=good().astype(str)), "expected numbers"),
         (broken(qpos=good(0)), "0 frames, expected at least 2"),
-        (broken(qpos=good(1)), "1 frames, expected at least 2"),
+        (broken(qpos=good(1)), "1 frame, expected at least 2"),
         (broken(qpos=[[1, 2], [3]]), "qpos is .*, expected an array of numbers"),
         (MotionClip("clip", good(), 30.0, "stated"), "notes is 'stated', expected a tuple"),
         (broken(fps=0.0), "fps is 0.0"),

@@ -29,7 +29,9 @@ def test_names_are_of_one_robot():
 
 
 def test_an_unknown_name_tells_the_known_ones():
-    with pytest.raises(RobotError, match=r"robot 'h1' is unknown, expected one of \[.*'g1'.*register_robot"):
+    with pytest.raises(
+        RobotError, match=r"robot 'h1' is unknown, expected one of \[.*'g1'.*register_robot.*--robot PATH"
+    ):
         get_robot("h1")
 
 

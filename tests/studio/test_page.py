@@ -9,6 +9,8 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 from plat.studio.desk import Desk
 from plat.studio.dock import Dock
 from plat.studio.page import Page
+from plat.studio.panels import PlayPanel
+from plat.studio.playback import nobody
 
 
 @pytest.fixture
@@ -57,6 +59,14 @@ def test_a_task_waits_for_the_users_agreement(page):
     assert page.dock.state["question"] is None
     page.answer({"do": "answer", "id": question["id"], "yes": True})
     assert done == ["replaced"], "once"
+
+
+def test_a_run_that_is_called_nobody_can_play_beside():
+    chosen: list[str | None] = []
+    panel = SimpleNamespace(_alone=nobody(["nobody"]), _playback=SimpleNamespace(set_beside=chosen.append))
+    for name in ("nobody", "nobody else"):
+        PlayPanel._set_beside(panel, name)
+    assert chosen == ["nobody", None]
 
 
 @pytest.mark.parametrize("yes", [False, None, "yes", 1])

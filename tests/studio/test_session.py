@@ -335,6 +335,9 @@ def test_a_keyframe_is_added_at_a_time_and_where_one_is_it_is_selected(session):
     session.new()
     session.add_at(1.2)
     assert session.timeline.duration == pytest.approx(1.2)
+    with pytest.raises(KeyframeError, match="at 31.30 s would be 30.10 s after the end, expected at most 30 s"):
+        session.add_at(31.3)
+    assert session.timeline.duration == pytest.approx(1.2)
 
 
 def test_a_keyframe_after_the_end_of_what_was_played_has_no_name(session):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plat.errors import KeyframeError
+from plat.keyframes import standing
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
@@ -148,6 +149,15 @@ def test_retiming_moves_one_keyframe_between_its_neighbours(number: int, asked: 
     timeline = three().retimed(number, asked)
     assert times(timeline) == pytest.approx(expected)
     timeline.sequence()
+
+
+def test_what_a_file_has_for_longer_than_edits_make_is_not_cut_by_them():
+    frames = (standing(G1).at(40.0), standing(G1).at(80.0))
+    timeline = Timeline(G1, standing(G1), frames, 1, holds=(35.0, 0.0))
+    assert times(timeline.retimed(1, 39.98)) == [39.98, 80.0]
+    assert times(timeline.retimed(1, 41.0)) == [40.0, 80.0]
+    assert timeline.held(34.98).holds == (34.98, 0.0)
+    assert timeline.stretched(36.0).interval == 36.0
 
 
 def test_a_random_walk_of_edits_can_always_be_played():

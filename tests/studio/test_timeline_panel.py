@@ -55,6 +55,27 @@ def test_a_desk_that_is_behind_moves_each_keyframe_to_its_own_time(panel):
     assert [frame.time for frame in session.timeline.keyframes] == pytest.approx([1.2, 2.6, 4.0])
 
 
+@pytest.mark.parametrize("dragged", ["retime", "hold"])
+def test_a_drag_with_a_pause_is_one_step_to_undo(panel, dragged):
+    session = panel._page.session
+    session.edit(Timeline(G1, standing(G1), (standing(G1).at(1.0),), 1))
+    before = session.timeline
+    panel.receive({"do": "select", "number": 1})
+    panel.receive({"do": "drag"})
+    for value in (1.2, 1.4):
+        panel.receive({"do": dragged, "number": 1, "time": value, "value": value})
+        session.rest()
+    panel.receive({"do": "end"})
+    panel.receive({"do": "nudge", "value": 1})
+    session.rest()
+    panel.receive({"do": "nudge", "value": 1})
+    for _ in range(2):  # after a drag pauses count again
+        session.undo()
+        assert session.timeline.keyframes != before.keyframes
+    session.undo()
+    assert session.timeline.keyframes == before.keyframes
+
+
 @pytest.mark.parametrize("value", [[1], {"1x": 1}, None, 3, "9x", [[1] * 500]])
 def test_a_speed_that_is_none_is_named(panel, value):
     with pytest.raises(StudioError, match="expected one of 1x, 1/2, 1/4, 1/10$") as error:

@@ -20,6 +20,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 from plat.spec.observation import as_observed, entry_shapes
 from plat.spec.timing import Timing
+from plat.words import counted
 
 __all__ = [
     "HORIZONS",
@@ -71,7 +72,7 @@ def horizon_named(name: str, timing: Timing) -> Horizon:
     """
     if name == "all":
         return Horizon(1, timing.max_steps)
-    if name not in HORIZONS:
+    if not isinstance(name, str) or name not in HORIZONS:
         raise TaskError(f"horizon is {name!r}, expected one of: {', '.join(HORIZONS)}, all")
     timing.check_steps(HORIZONS[name].longest, f"horizon {name!r}")
     return HORIZONS[name]
@@ -128,8 +129,8 @@ class CommandSchedule:
         """
         if len(arrivals) != library.num_clips or not any(map(len, arrivals)):
             raise TaskError(
-                f"commands: arrivals in {len(arrivals)} clips, {sum(map(len, arrivals))} in all, expected some in "
-                f"{library.num_clips} clips"
+                f"commands: arrivals in {counted(len(arrivals), 'clip')}, {sum(map(len, arrivals))} in all, "
+                f"expected some in {counted(library.num_clips, 'clip')}"
             )
         for name, length, ends in zip(library.clip_names, library.clip_length.tolist(), arrivals, strict=True):
             if any(begin >= end for begin, end in pairwise((0, *ends, length))):
@@ -197,9 +198,9 @@ def check_clip_lengths(library: MotionLibrary, horizon: Horizon) -> None:
         clip = too_short[0]
         steps = int(library.clip_length[clip]) - 1
         raise MotionError(
-            f"motion {library.clip_names[clip]!r}: {steps} control steps ({steps * library.dt:.2f} s), shorter than "
-            f"the shortest command of {horizon.shortest} steps ({len(too_short)} of {library.num_clips} clips are): "
-            "drop it or choose a shorter horizon"
+            f"motion {library.clip_names[clip]!r}: {counted(steps, 'control step')} ({steps * library.dt:.2f} s), "
+            f"shorter than the shortest command of {counted(horizon.shortest, 'step')} "
+            f"({len(too_short)} of {counted(library.num_clips, 'clip')}): drop it or choose a shorter horizon"
         )
 
 
@@ -211,7 +212,7 @@ def check_timing(library: MotionLibrary, horizon: Horizon, timing: Timing) -> No
             no :class:`Horizon`.
     """
     _check_horizon(horizon)
-    timing.check_control_dt(library.dt, f"motion library of {library.num_clips} clips")
+    timing.check_control_dt(library.dt, f"motion library of {counted(library.num_clips, 'clip')}")
     timing.check_steps(horizon.longest, f"horizon of {horizon.shortest} to {horizon.longest} steps")
 
 

@@ -21,6 +21,7 @@ from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.progress import tracked
 from plat.robots import G1, Robot
+from plat.words import counted
 
 __all__ = ["MotionReport", "MotionValidator", "ValidationLimits", "Verdict", "validate_motion", "validate_motions"]
 
@@ -226,7 +227,7 @@ def _judged(report: MotionReport, limits: ValidationLimits) -> MotionReport:
         drop.append(f"a joint at {report.joint_speed:.0f} rad/s")
     if report.steps:
         first, count = report.steps[0], len(report.steps)
-        repair.append(f"{count} single-frame step{'s' * (count != 1)} of joints, the first {first}")
+        repair.append(f"{counted(count, 'single-frame step')} of joints, the first {first}")
     if report.floating > limits.floating:
         repair.append(f"feet float at {100 * report.floating:.1f} cm")
     if report.penetration > limits.penetration:

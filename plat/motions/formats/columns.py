@@ -24,6 +24,7 @@ from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
 from plat.motions.formats.units import Units, must_be_radians
 from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
+from plat.words import counted
 
 __all__ = ["Parts", "split_columns"]
 
@@ -121,7 +122,7 @@ def _by_name(
     turns: Mapping[str, np.ndarray] = {}
     if rest:
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
-        notes.append(f"{len(rest)} columns left out ({shown}{', ...' if len(rest) > 3 else ''})")
+        notes.append(f"{counted(len(rest), 'column')} left out ({shown}{', ...' if len(rest) > 3 else ''})")
     seed = {word for n in (*place, *turn) for word in tokens(table.header[n])} >= _SEED
     listed = "".join(kinds[n].part for n in sorted(turn))
     if listed in ("wxyz", "xyzw"):
@@ -217,8 +218,8 @@ def _by_place(
         notes.append("the last 7 columns left out (an object)")
     if joints not in sizes:
         raise MotionError(
-            f"row 1 has {table.values.shape[1]} columns, expected {7 + sizes[0]} (root xyz, quaternion, joints), "
-            f"{7 + sizes[1]} without the wrists, or a header that names them"
+            f"row 1 has {counted(table.values.shape[1], 'column')}, expected {7 + sizes[0]} "
+            f"(root xyz, quaternion, joints), {7 + sizes[1]} without the wrists, or a header that names them"
         )
     names = None
     if table.header:

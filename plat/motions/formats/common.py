@@ -19,6 +19,7 @@ from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.units import Angles, Units, angles_in_radians, place_in_meters, unit_quaternions
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
+from plat.words import counted
 
 __all__ = [
     "FrameRate",
@@ -121,7 +122,7 @@ def arrange_joints(
         angles = angles[:, columns]
         in_order = listed == [name for name in robot.joint_names if name in listed]
         notes = [] if in_order else ["joints reordered by name"]
-        notes += [f"{len(left_out)} columns left out ({', '.join(left_out[:3])})"] if left_out else []
+        notes += [f"{counted(len(left_out), 'column')} left out ({', '.join(left_out[:3])})"] if left_out else []
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
     missing = [name for name in robot.joint_names if name not in listed]

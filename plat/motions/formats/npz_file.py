@@ -26,6 +26,7 @@ from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.tracker_file import read_tracker
 from plat.motions.formats.unnamed_joints import without_wrists
+from plat.words import counted
 
 __all__ = ["ALIASES", "read_npz"]
 
@@ -258,7 +259,7 @@ def _read(
         looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful)
         for name, qpos in fitting.items()
     ]
-    notes = [f"{len(left_out)} other arrays left out ({', '.join(left_out[:3])})"] if left_out else []
+    notes = [f"{counted(len(left_out), 'other array')} left out ({', '.join(left_out[:3])})"] if left_out else []
     notes += [f"left out, with less than {_LEAST_FRAMES} frames: {', '.join(empty[:3])}"] if empty else []
     return MotionFile(path, "plat npz", clips, tuple(notes))
 

@@ -13,6 +13,7 @@ from plat.motions.formats.common import MotionFile, ReadOptions
 from plat.motions.formats.joint_orders import breadth_first
 from plat.motions.formats.table import read_table
 from plat.motions.formats.tracker_file import read_tracker
+from plat.words import counted
 
 __all__ = ["holds_sonic", "is_part_of_sonic", "read_sonic", "sonic_parts"]
 
@@ -52,8 +53,8 @@ def read_sonic(path: Path, options: ReadOptions) -> MotionFile:
         values = read_table(path.with_name(beside)).values
         if len(values) != len(joints) or values.shape[1] % width:
             raise MotionError(
-                f"{beside!r} beside it has {values.shape[0]} rows of {values.shape[1]} columns, expected {len(joints)} "
-                f"rows of {width} for each body"
+                f"{beside!r} beside it has {counted(values.shape[0], 'row')} of {counted(values.shape[1], 'column')}, "
+                f"expected {len(joints)} rows of {width} for each body"
             )
         arrays[name] = values.reshape(len(values), -1, width)
     if len(arrays["body_pos_w"][0]) == 1:  # the root alone, which says nothing about joints

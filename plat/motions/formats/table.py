@@ -12,6 +12,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.files import decoded
+from plat.words import counted
 
 __all__ = ["Table", "read_table"]
 
@@ -97,12 +98,12 @@ def read_table(path: Path) -> Table:
     if len(header) == width - 1 and header:
         header = ["", *header]  # the column of row names has none
     if header and len(header) != width:
-        raise MotionError(f"the header has {len(header)} columns, the rows have {width}")
+        raise MotionError(f"the header has {counted(len(header), 'column')}, the rows have {width}")
     for number, row in rows:
         if len(row) != width and separator == "," and all(map(_WHOLE.fullmatch, (*row, *rows[0][1]))):
             raise MotionError("decimal commas between commas are not to be told apart: separate columns by semicolons")
         if len(row) != width:
-            raise MotionError(f"row {number} has {len(row)} columns, row {rows[0][0]} has {width}")
+            raise MotionError(f"row {number} has {counted(len(row), 'column')}, row {rows[0][0]} has {width}")
     header, rows = _without_texts(header, rows)
     empty: dict[int, int] = {}
     return Table(header, _numbers(header, rows, empty), comments, empty)

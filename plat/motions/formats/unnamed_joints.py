@@ -7,6 +7,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.formats.joint_orders import JointOrderError
 from plat.robots.robot import Robot, without_side
+from plat.words import counted
 
 __all__ = ["OPTIONAL", "unnamed_joints", "without_wrists"]
 
@@ -53,7 +54,7 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
         return whole
     if angles.shape[1] != len(cut):
         raise MotionError(
-            f"{field!r} has {angles.shape[1]} joints, expected the {len(whole)} joints of {robot.name!r}, "
+            f"{field!r} has {counted(angles.shape[1], 'joint')}, expected the {len(whole)} joints of {robot.name!r}, "
             f"or {len(cut)} without the wrists"
         )
     if len(small) != len(cut):

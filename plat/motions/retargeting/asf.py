@@ -17,6 +17,7 @@ from plat.motions.formats.rate import RATES, rates_in_name
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import LARGEST_RADIANS, Mocap, check_extent, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
+from plat.words import counted
 
 __all__ = ["find_asf", "read_amc", "skeletons_beside"]
 
@@ -252,7 +253,9 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> tuple[list[dict[str, list[f
             except ValueError:
                 values = []
             if len(values) != len(bone.dof) or not all(map(math.isfinite, values)):
-                raise MotionError(f"{where}{number}: {' '.join(words)[:60]!r}, expected {len(bone.dof)} numbers")
+                raise MotionError(
+                    f"{where}{number}: {' '.join(words)[:60]!r}, expected {counted(len(bone.dof), 'number')}"
+                )
             frames[-1][words[0]] = values
     if not frames:
         raise MotionError(f"AMC file {str(path)!r}: no frames")

@@ -14,6 +14,7 @@ from plat.files import decoded
 from plat.motions.formats.units import Angles
 from plat.motions.retargeting.mocap import Mocap, check_extent, checked_rate, may_be_radians, reads_better
 from plat.rotations_np import axis_rotation
+from plat.words import counted
 
 __all__ = ["read_bvh"]
 
@@ -213,7 +214,7 @@ def _motion(lines: _Lines, width: int, timed: bool) -> tuple[np.ndarray, float, 
         values.extend(lines.numbers(row_of_values, width, f"{width} finite numbers, one a channel"))
         frames += 1
     count = int(told[1])
-    notes = () if frames == count else (f"{frames} frames, for 'Frames:' says {count}",)
+    notes = () if frames == count else (f"{counted(frames, 'frame')}, for 'Frames:' says {count}",)
     return np.array(values).reshape(frames, width), seconds, notes
 
 

@@ -8,8 +8,9 @@ from plat.keyframes.splits import unit_doubt
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.desk import Task
 from plat.studio.folder import Folder
-from plat.studio.page import Page, counted
+from plat.studio.page import Page
 from plat.studio.timeline import Timeline
+from plat.words import counted
 
 __all__ = ["FilePanel"]
 

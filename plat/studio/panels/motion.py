@@ -10,8 +10,9 @@ from plat.keyframes import Keyframe
 from plat.motions import MotionClip, MotionLibrary
 from plat.studio.desk import Task
 from plat.studio.library import LibraryPose, PoseLibrary
-from plat.studio.page import Page, counted
+from plat.studio.page import Page
 from plat.studio.poses import placed
+from plat.words import counted
 
 __all__ = ["MotionPanel"]
 

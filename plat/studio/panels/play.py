@@ -5,11 +5,11 @@ import viser
 from plat.errors import PlatError
 from plat.studio.desk import Task
 from plat.studio.page import Page
+from plat.studio.playback import nobody
 from plat.studio.tables import keyframe_table, live_line, policy_table
+from plat.words import counted
 
 __all__ = ["PlayPanel"]
-
-_ALONE = "nobody"
 
 
 class PlayPanel:
@@ -20,8 +20,11 @@ class PlayPanel:
         self._playback = playback = page.session.playback
         self._policy = gui.add_dropdown("Policy", tuple(playback.policies), initial_value=playback.policy)
         page.when_changed(self._policy, self._choose)
+        self._alone = nobody(playback.policies)
         self._beside = gui.add_dropdown(
-            "Beside it", (_ALONE, *playback.policies), hint="Another policy that plays the same keyframes at its side."
+            "Beside it",
+            (self._alone, *playback.policies),
+            hint="Another policy that plays the same keyframes at its side.",
         )
         page.when_changed(self._beside, self._set_beside)
         self.follow = gui.add_checkbox("Follow the robot", initial_value=True)
@@ -30,7 +33,7 @@ class PlayPanel:
         page.slow_button(
             "Compare all policies",
             self._compare,
-            f"Playing {len(playback.policies)} policies at full speed …",
+            f"Playing {counted(len(playback.policies), 'policy', 'policies')} at full speed …",
             hint="On the keyframes as they are now.",
             icon=viser.Icon.SCALE,
         )
@@ -44,7 +47,7 @@ class PlayPanel:
             raise
 
     def _set_beside(self, policy: str) -> None:
-        self._playback.set_beside(None if policy == _ALONE else policy)
+        self._playback.set_beside(None if policy == self._alone else policy)
 
     def _compare(self) -> Task:
         timeline = self._page.session.timeline

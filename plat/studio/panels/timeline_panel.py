@@ -12,6 +12,7 @@ from plat.studio.dock import Message
 from plat.studio.page import Page
 from plat.studio.playback import SPEEDS
 from plat.studio.tables import grade
+from plat.studio.timeline import LONGEST_INTERVAL
 
 __all__ = ["TimelinePanel"]
 
@@ -52,7 +53,8 @@ class TimelinePanel:
             ),
             "interval": lambda message: edit(session.timeline.stretched(_number(message, "value"))),
             "rename": lambda message: edit(session.timeline.renamed(str(message.get("value", ""))[:60])),
-            "end": lambda _: session.history.end_gesture(),
+            "drag": lambda _: session.begin_drag(),
+            "end": lambda _: session.end_drag(),
             "add": self._add,
             "copy": lambda _: session.copy(),
             "cut": lambda _: session.cut(),
@@ -129,6 +131,7 @@ class TimelinePanel:
                 "interval": timeline.interval,
                 "duration": timeline.duration,
                 "marks": marks,
+                "longest": LONGEST_INTERVAL,
                 "undo": session.history.can_undo,
                 "redo": session.history.can_redo,
                 "paste": session.can_paste,

@@ -43,7 +43,10 @@
     }
     const where = `${location.origin.replace(/^http/, "ws")}${location.pathname.replace(/\/$/, "")}/dock${location.search}`;
     socket = new WebSocket(where);
-    socket.onopen = () => send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
+    socket.onopen = () => {
+      send("end"); // of a drag in which the page was loaded anew
+      send("browser", { software: window.platSoftware === true, dark: matchMedia("(prefers-color-scheme: dark)").matches });
+    };
     socket.onmessage = (event) => told(JSON.parse(event.data));
     socket.onclose = () => {
       state.file = null; // the page waits for the next studio's: it may know of unsaved work
@@ -88,14 +91,14 @@
     return element;
   }
 
-  function field(name, kind, label, what) {
-    at[name] = make("input", { class: kind, "aria-label": label, title: label });
+  function field(name, kind, label, what, least = () => 0) {
+    at[name] = make("input", { class: kind, "aria-label": label, title: label, ...(kind === "number" ? {} : { maxlength: 60 }) });
     const commit = () => {
       const text = at[name].value, value = kind === "number" ? Number(text.replace(",", ".")) : text;
-      const refused = kind === "number" && !(text.trim() && Math.abs(value) < 1e6);
+      const refused = kind === "number" && !(text.trim() && value >= least() && value <= state.timeline.longest);
       if (!refused) send(what, { value });
-      else showNote({ kind: "error", title: "That did not work", text: `${label} is ${text.trim() ? `"${text}"` : "empty"}, expected a number such as 0.6.` });
-      setTimeout(show, refused ? 0 : 800); // what is refused, or out of bounds, is not left standing
+      else showNote({ kind: "error", title: "That did not work", text: `${label} is ${text.trim() ? `"${text}"` : "empty"}, expected a number from ${least()} to ${state.timeline.longest}.` });
+      setTimeout(show, refused ? 0 : 800); // what is refused is not left standing
     };
     at[name].onchange = commit;
     at[name].onkeydown = (event) => { if (event.key === "Enter") at[name].blur(); };
@@ -127,7 +130,7 @@
         button("undo", "undo", "Undo (Ctrl+Z)", () => send("undo")),
         button("redo", "redo", "Redo (Ctrl+Shift+Z)", () => send("redo")),
         gap(), field("name", "name", "Name", "rename"),
-        make("label", { text: "takes" }), field("interval", "number", "Takes (s)", "interval"),
+        make("label", { text: "takes" }), field("interval", "number", "Takes (s)", "interval", () => state.distances.dt),
         make("label", { text: "held" }), field("hold", "number", "Held (s)", "hold"),
         make("span", { class: "fill" }),
         button("out", "−", "Zoom out (-)", () => zoomBy(1 / 1.5)),
@@ -243,10 +246,12 @@
       const number = Number(target.dataset.edge);
       drag = { kind: "hold", number, x, moved: true };
       send("select", { number });
+      send("drag");
     } else if (target) {
       const number = Number(target.dataset.key);
       drag = { kind: "key", number, x, grip: x - toX(state.timeline.poses[number].time), moved: false };
       send("select", { number });
+      send("drag");
     } else {
       drag = { kind: "seek", x, moved: true };
       send("seek", { time: snapped(x) });

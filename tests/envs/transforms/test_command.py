@@ -175,7 +175,7 @@ def test_a_schedule_of_given_arrivals(library: MotionLibrary) -> None:
 @pytest.mark.parametrize(
     ("ends", "message"),
     [
-        ([[10]], r"arrivals in 1 clips, 1 in all, expected some in \d+ clips"),
+        ([[10]], r"arrivals in 1 clip, 1 in all, expected some in \d+ clips"),
         ([[], []], "arrivals in 2 clips, 0 in all, expected some in 2 clips"),
         ([[10], [60]], r"motion 'b' has arrivals at \[60\], expected frames in ascending order, from 1 to 50"),
         ([[10, 10], [50]], "motion 'standing' has arrivals at"),

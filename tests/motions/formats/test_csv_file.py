@@ -98,7 +98,7 @@ def table(rows: int = 3, **cells: str) -> str:
         (table(c3="0.5"), "quaternion of frame 0 .* has length 0.5, expected 1"),
         (table(c8="573"), "'joint angles' has values up to 573, expected radians"),
         (table(c2="1e30"), "'root position' has values up to 1e[+]30, expected meters"),
-        (table(1), "1 frames, expected at least 2"),
+        (table(1), "1 frame, expected at least 2"),
         (",".join([*"xyz", *"wxyz", *G1.joint_names[:-1], "tail"]) + "\n" + table(), "has the unknown .*tail"),
     ],
 )

@@ -283,7 +283,7 @@ REFUSED = {
     ),
     "a joint twice": (table(header=ROOT + JOINTS[:-1] + JOINTS[-2:-1]), "has \\['right_wrist_pitch'\\] twice"),
     "no number": (table(rows=np.vstack((ROWS, np.full(36, np.nan)))), "motion 'walk': qpos\\[40, 0\\] is nan"),
-    "one frame": (table(rows=ROWS[:1]), "motion 'walk': 1 frames, expected at least 2"),
+    "one frame": (table(rows=ROWS[:1]), "motion 'walk': 1 frame, expected at least 2"),
     "no frames": (table(header=ROOT + JOINTS, rows=ROWS[:0]), "no rows of numbers, expected one a frame"),
     "no rate in an archive": (npz(clip=ROWS), "no array 'fps', expected the frames a second"),
     "two rates in an archive": (

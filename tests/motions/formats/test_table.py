@@ -79,7 +79,7 @@ def test_comments_are_kept(tmp_path):
         ("\n", "no rows of numbers"),
         (HEADER, "no rows of numbers"),
         (f"{lines()}\n1,2", "row 4 has 2 columns, row 1 has 5"),
-        (f"{lines().replace(',', ';')}\n1", "row 4 has 1 columns, row 1 has 5"),
+        (f"{lines().replace(',', ';')}\n1", "row 4 has 1 column, row 1 has 5"),
         (f"# c\n{lines()}\n1,2,x,4,5", "row 5, column 3: 'x' is not a number"),
         (f"a,b\n{lines()}", "the header has 2 columns, the rows have 5"),
     ],

@@ -143,7 +143,7 @@ def test_every_truncation_is_noticed(tmp_path):
             mocap = read(tmp_path, TEXT[:length])
         except MotionError:
             continue
-        assert mocap.notes == ("1 frames, for 'Frames:' says 2",)
+        assert mocap.notes == ("1 frame, for 'Frames:' says 2",)
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):

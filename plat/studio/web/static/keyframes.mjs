@@ -75,6 +75,7 @@ export function checkPlace(place, label = "") {
 const POSE = ["root_pos", "root_quat", "joint_pos"];
 
 function shown(value) {
+  if (typeof value === "number" && !Number.isFinite(value)) return String(value).toLowerCase().replace("infinity", "inf"); // JSON would say null
   const text = JSON.stringify(value) ?? "nothing";
   return text.length > 60 ? `${text.slice(0, 59)}…` : text;
 }
@@ -87,10 +88,14 @@ function fields(entry, required, optional, label) {
   if (unknown !== undefined) throw new Error(`${label}unknown field ${shown(unknown)}, expected ${[...required, ...optional].join(", ")}`);
 }
 
-function numbers(value, size, field) {
-  if (!Array.isArray(value) || value.length !== size || !value.every((one) => typeof one === "number" && Number.isFinite(one)))
-    throw new Error(`${field} is ${shown(value)}, expected ${size === 1 ? "a finite number" : `a list of ${size} finite numbers`}`);
+function number(value, field) {
+  if (typeof value !== "number" || !Number.isFinite(value)) throw new Error(`${field} is ${shown(value)}, expected a finite number`);
   return value;
+}
+
+function numbers(value, size, field) {
+  if (!Array.isArray(value) || value.length !== size) throw new Error(`${field} is ${shown(value)}, expected a list of ${size} finite numbers`);
+  return value.map((one, index) => number(one, `${field}[${index}]`));
 }
 
 function jointAngles(content, site, label) {
@@ -102,7 +107,7 @@ function jointAngles(content, site, label) {
   const missing = site.joints.find((name) => !(name in angles)), unknown = Object.keys(angles).find((name) => !site.joints.includes(name));
   if (missing || unknown !== undefined)
     throw new Error(`${label}: joint_pos: ${missing ? `missing joint ${missing}` : `unknown joint ${shown(unknown)}`}, expected the ${site.joints.length} of ${site.robot}`);
-  const found = site.joints.map((name) => numbers([angles[name]], 1, `${label}: joint_pos: ${name}`)[0]);
+  const found = site.joints.map((name) => number(angles[name], `${label}: joint_pos: '${name}'`));
   const excess = found.map((angle, joint) => Math.max(site.joint_range[joint][0] - angle, angle - site.joint_range[joint][1]));
   const most = Math.max(...excess), worst = excess.indexOf(most), [low, high] = site.joint_range[worst].map((limit) => general(limit, 4));
   if (most > 1e-3) {
@@ -161,10 +166,20 @@ function checkFields(text) {
   }
 }
 
+const STRING = /"[^"\\]*(?:\\.[^"\\]*)*"/.source, NO_NUMBERS = ["NaN", "Infinity", "-Infinity"];
+
+/* The value of a JSON text. NaN and infinities, which programs write and JSON has not, are let through: whoever reads the field names it. */
+function parsed(text) {
+  try { return JSON.parse(text); } catch (error) {
+    const marked = text.replace(RegExp(`${STRING}|-?Infinity|NaN`, "g"), (token) => (NO_NUMBERS.includes(token) ? `"\\u0000${token}"` : token));
+    const unmarked = (_, value) => (typeof value === "string" && value[0] === "\0" && NO_NUMBERS.includes(value.slice(1)) ? Number(value.slice(1)) : value);
+    try { return JSON.parse(marked, unmarked); } catch { throw new Error(`not a readable JSON file (${error.message})`); }
+  }
+}
+
 /* Read the content of a keyframe file: { start, keyframes }. */
 export function read(text, site) {
-  let content;
-  try { content = JSON.parse(text); } catch (error) { throw new Error(`not a readable JSON file (${error.message})`); }
+  const content = parsed(text);
   checkFields(text);
   if (!isObject(content) || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected an object with 'format': 'plat-keyframes'");
   const { version, quaternion_order: order } = content;
@@ -181,7 +196,7 @@ export function read(text, site) {
     checkPlace(place, `${label}: `);
     const quat = order === "xyzw" ? [given[3], ...given.slice(0, 3)] : given, length = Math.hypot(...quat);
     if (Math.abs(length - 1) > UNIT) throw new Error(`${label}: root_quat has length ${length.toPrecision(4)}, expected 1`);
-    const [time] = "time" in entry ? numbers([entry.time], 1, `${label}: time`) : [0];
+    const time = "time" in entry ? number(entry.time, `${label}: time`) : 0;
     if (Math.abs(time) > LONGEST) throw new Error(`${label}: time is ${general(time)} s, expected at most a day (${LONGEST} s): in milliseconds?`);
     return {
       time, name: entry.name ?? null, commands: "commands" in entry ? commanded(entry.commands, site, label) : null,
@@ -256,7 +271,8 @@ export class Timeline {
       return gap;
     });
   }
-  allowed(seconds, least = 1) { return Math.min(Math.max(this.steps(seconds), least), this.steps(LONGEST_INTERVAL)); }
+  /* The control steps nearest to an interval or hold (s) that are allowed, where it had so many before. */
+  allowed(seconds, least = 1, had = 0) { return Math.min(Math.max(this.steps(seconds), least), Math.max(this.steps(LONGEST_INTERVAL), had)); }
   spaced(frames, gaps, holds, selected) {
     let end = 0;
     const timed = frames.map((frame, index) => {
@@ -346,18 +362,18 @@ export class Timeline {
   stretched(interval) {
     this.must("moved in time");
     const gaps = this.gaps();
-    gaps[this.selected - 1] = this.allowed(interval);
+    gaps[this.selected - 1] = this.allowed(interval, 1, gaps[this.selected - 1]);
     return this.spaced(this.keyframes, gaps, this.holdSteps(), this.selected);
   }
   held(seconds) {
     this.must("held");
     const holds = this.holdSteps();
-    holds[this.selected - 1] = this.allowed(seconds, 0);
+    holds[this.selected - 1] = this.allowed(seconds, 0, holds[this.selected - 1]);
     return this.spaced(this.keyframes, this.gaps(), holds, this.selected);
   }
   retimed(number, time) {
     const gaps = this.gaps(), holds = this.holdSteps(), sum = (list) => list.slice(0, number - 1).reduce((a, b) => a + b, 0);
-    let asked = this.allowed((this.steps(time) - sum(gaps) - sum(holds)) * this.site.control_dt);
+    let asked = this.allowed((this.steps(time) - sum(gaps) - sum(holds)) * this.site.control_dt, 1, gaps[number - 1]);
     if (number < gaps.length) {
       const both = gaps[number - 1] + gaps[number];
       asked = Math.min(asked, both - 1);

@@ -3,13 +3,13 @@ import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { verdict } from "./feasibility.mjs";
-import { NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
+import { LONGEST_INTERVAL, NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
-const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5, NOBODY = "nobody";
+const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5;
 const PAUSE = 1000; // ms after which what is done again is another step to undo
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
@@ -64,12 +64,13 @@ class Studio {
     this.past = [];
     this.future = [];
     this.gesture = null;
+    this.pressed = false; // a keyframe or the slider is dragged: a pause in it ends no step to undo
     this.clipboard = null;
     this.players = [];
     this.runs = 0;
     this.paused = false;
     this.policy = site.policies[0];
-    this.second = NOBODY;
+    this.second = site.nobody;
     this.speed = "1x";
     this.loop = false;
     this.cursor = 0;
@@ -131,7 +132,7 @@ class Studio {
       retime: ({ number, time }) => edit(now().select(number).retimed(number, time), `time ${number}`),
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed([...String(value)].slice(0, 60).join(""))),
-      end: () => { this.gesture = null; }, add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
+      drag: () => this.press(), end: () => this.letGo(), add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
       copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
       paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
       mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
@@ -150,10 +151,14 @@ class Studio {
     if (gesture === null || gesture !== this.gesture) this.past = [...this.past, this.timeline].slice(-500);
     this.gesture = gesture;
     clearTimeout(this.resting);
-    this.resting = setTimeout(() => { if (!this.grip && !this.turned) this.gesture = null; }, PAUSE);
+    this.resting = setTimeout(() => { if (!this.grip && !this.turned && !this.pressed) this.gesture = null; }, PAUSE);
     this.future = [];
     this.replace(timeline);
   }
+
+  press() { this.pressed = true; this.gesture = null; }
+
+  letGo() { this.pressed = false; this.gesture = null; }
 
   replace(timeline) {
     this.timeline = timeline;
@@ -203,7 +208,9 @@ class Studio {
   /* Add a keyframe at a time (s): interpolated, or after the end in the last pose. Where one is already, or is held, it is selected. */
   addAt(time) {
     const { timeline } = this, last = timeline.select(timeline.keyframes.length);
-    if (time > timeline.duration + 1e-6) { this.edit(last.inserted({ ...last.pose, name: null }, time - timeline.duration)); return; }
+    const after = time - timeline.duration;
+    if (after > LONGEST_INTERVAL + 1e-6) throw new Error(`a keyframe at ${time.toFixed(2)} s would be ${after.toFixed(2)} s after the end, expected at most ${LONGEST_INTERVAL} s`);
+    if (after > 1e-6) { this.edit(last.inserted({ ...last.pose, name: null }, after)); return; }
     const added = timeline.insertedAt(time);
     if (added.keyframes === timeline.keyframes) this.select(added.selected); else this.edit(added);
   }
@@ -348,7 +355,7 @@ class Studio {
   stop() { this.end(); this.cursor = 0; this.timeline = this.timeline.select(0); }
 
   start() {
-    const names = [this.policy, ...(this.second === NOBODY ? [] : [this.second])];
+    const names = [this.policy, ...(this.second === this.site.nobody ? [] : [this.second])];
     const players = names.map((name) => new Chase(this.robot, this.policies[name], this.timeline.start, this.timeline.sequence(this.policies[name].maxSteps)));
     this.end();
     this.scores = {};
@@ -448,7 +455,7 @@ class Studio {
     const check = (name, checked = false) => (at[name] = make("input", { type: "checkbox", ariaLabel: name, checked }));
     const ticked = (part) => make("label", { className: "tick" }, check(`hold ${part}`, part !== "hands"), part);
     const { site } = this;
-    at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onchange: () => { this.gesture = null; } });
+    at.slider = make("input", { type: "range", step: 0.01, ariaLabel: "joint angle", oninput: () => this.setJoint(Number(at.slider.value)), onpointerdown: () => this.press(), onpointerup: () => this.letGo(), onpointercancel: () => this.letGo(), onchange: () => this.letGo() });
     at.angle = make("output");
     at.file = make("input", { type: "file", accept: ".json,application/json", hidden: true, onchange: () => { const file = at.file.files[0]; at.file.value = ""; if (file) this.channel.open(file); } });
     at.scores = make("div", { className: "scores" });
@@ -459,7 +466,7 @@ class Studio {
     document.querySelector("#root aside").append(
       make("h1", { textContent: "plat keyframe studio" }),
       row("Policy", select("policy", site.policies, (value) => { this.policy = value; this.end(); })),
-      row("Beside it", select("second", [NOBODY, ...site.policies], (value) => { this.second = value; this.end(); })),
+      row("Beside it", select("second", [site.nobody, ...site.policies], (value) => { this.second = value; this.end(); })),
       row("Begin with", select("template", Object.keys(site.templates), () => {}), button("Add", () => this.template(at.template.value)), button("New", () => { this.edit(new Timeline(site, standing(site))); })),
       row("File", button("Load", () => at.file.click()), button("Save", () => this.save()), at.file),
       make("hr"),
@@ -513,7 +520,7 @@ class Studio {
     const arrivals = new Set(timeline.toKeyframes().map((frame) => frame.time));
     const marks = timeline.keyframes.length ? timeline.sequence(this.policies[this.policy].maxSteps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
     this.channel.show({
-      timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
+      timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, longest: LONGEST_INTERVAL, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
       file: { name: this.name, unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
     });
     this.scene.showHandles(this.robot.frames(qpos), this.handle, this.pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
