@@ -1,7 +1,11 @@
 import contextlib
 import dataclasses
+import io
 import json
+import shutil
 import sys
+from contextlib import redirect_stdout
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,6 +13,7 @@ import torch
 from plat.cli import evaluate
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError, WorkerError
+from plat.evaluation import CommandRecords, Score
 from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
 from plat.recipes import ablations
 from plat.recipes.options import Training
@@ -26,42 +31,96 @@ def refined() -> LatentNoisePolicy:
     return LatentNoisePolicy(LatentPolicy(G1, SMALL), RefinementConfig(hidden=(8,)))
 
 
-@pytest.fixture
-def recipe(tmp_path, monkeypatch) -> ablations.AblationsRecipe:
-    """Three rows, PLAT with two seeds."""
-    save_run(tmp_path / "runs" / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=100)
-    save_run(tmp_path / "runs" / "dagger", LatentPolicy(G1, SMALL))
-    for seed in (0, 1):
-        save_run(tmp_path / "runs" / f"plat-seed{seed}", refined(), steps=50)
-    monkeypatch.setattr(ablations, "HARD", ("calm",))  # standing, slowly moved, is no harder
-    for name in ("draw_scores", "draw_strips", "draw_groups"):  # their own tests draw them
-        monkeypatch.setattr(evaluate, name, lambda folder, *_, name=name: [folder / f"{name}.png"])
+def undrawn(patch: pytest.MonkeyPatch) -> None:
+    """Leave out figures: their own tests draw them. Standing, slowly moved, is no harder."""
+    patch.setattr(ablations, "HARD", ("calm",))
+    for name in ("draw_scores", "draw_strips", "draw_groups"):
+        patch.setattr(evaluate, name, lambda folder, *_, name=name: [folder / f"{name}.png"])
+
+
+def recipe_in(folder: Path) -> ablations.AblationsRecipe:
     return ablations.AblationsRecipe(
-        runs=tmp_path / "runs",
-        motions=(write_motions(tmp_path, frames=21),),
-        out=tmp_path / "out",
+        runs=folder / "runs",
+        motions=(str(folder / "motions.npz"),),
+        out=folder / "out",
         horizon=("long", "mixed"),
         device="cpu",
     )
 
 
+@dataclasses.dataclass(frozen=True)
+class Begun:
+    """What the recipe did when it was started first, in a folder whose copies tests go on with."""
+
+    folder: Path
+    splits: dict[str, list[Score]]
+    evaluated: list[tuple[str, str]]
+    said: str
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Begun:
+    """Three rows, PLAT with two seeds, scored once: nothing else takes as long here."""
+    folder = tmp_path_factory.mktemp("begun")
+    torch.manual_seed(0)
+    save_run(folder / "runs" / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=100)
+    save_run(folder / "runs" / "dagger", LatentPolicy(G1, SMALL))
+    for seed in (0, 1):
+        save_run(folder / "runs" / f"plat-seed{seed}", refined(), steps=50)
+    write_motions(folder, frames=21)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as said:
+        undrawn(patch)
+        calls = recorded(patch)
+        splits = ablations.main(recipe_in(folder))
+    return Begun(folder, splits, calls, said.getvalue())
+
+
 @pytest.fixture
-def evaluated(monkeypatch) -> list[tuple[str, str]]:
-    """Horizon and kind of every evaluation that is run."""
+def scored(begun, tmp_path, monkeypatch) -> ablations.AblationsRecipe:
+    """The recipe in a copy of the folder, with all that was evaluated."""
+    shutil.copytree(begun.folder, tmp_path, dirs_exist_ok=True)
+    undrawn(monkeypatch)
+    return recipe_in(tmp_path)
+
+
+@pytest.fixture
+def recipe(scored) -> ablations.AblationsRecipe:
+    """The recipe in a copy of the folder, before it was started."""
+    shutil.rmtree(scored.out)
+    return scored
+
+
+def recorded(patch: pytest.MonkeyPatch, alike: bool = False) -> list[tuple[str, str]]:
+    """Horizon and kind of every evaluation that is run; where policies count as alike, one is run for all of them."""
     calls: list[tuple[str, str]] = []
+    found: dict[tuple[object, ...], CommandRecords] = {}
     original = evaluate.Entrant.evaluate
 
     def record(self, library, horizon, setting, **options):
         kind = "dense" if self.view.dense else "randomized" if setting.randomization else "plain"
         calls.append((horizon, kind))
-        return original(self, library, horizon, setting, **options)
+        asked = (horizon, kind, repr(setting))
+        if not alike or asked not in found:
+            found[asked] = original(self, library, horizon, setting, **options)
+        return found[asked]
 
-    monkeypatch.setattr(evaluate.Entrant, "evaluate", record)
+    patch.setattr(evaluate.Entrant, "evaluate", record)
     return calls
 
 
-def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, capsys):
-    splits = ablations.main(recipe)
+@pytest.fixture
+def evaluated(monkeypatch) -> list[tuple[str, str]]:
+    return recorded(monkeypatch)
+
+
+@pytest.fixture
+def asked(monkeypatch) -> list[tuple[str, str]]:
+    """For tests of what is evaluated and not of what comes out."""
+    return recorded(monkeypatch, alike=True)
+
+
+def test_rows_that_are_there_are_scored_in_the_papers_order(begun):
+    splits, evaluated, out = begun.splits, begun.evaluated, begun.folder / "out"
     assert list(splits) == ["all", "hard", "randomized", "dense"]
     rows = ["Scratch RL", "DAgger", "PLAT"]
     cells = [(name, horizon) for horizon in ("long", "mixed") for name in rows]
@@ -73,27 +132,26 @@ def test_rows_that_are_there_are_scored_in_the_papers_order(recipe, evaluated, c
     assert evaluated.count(("long", "plain")) == evaluated.count(("mixed", "plain")) == 4
     assert evaluated.count(("mixed", "randomized")) == 4
     assert evaluated.count(("mixed", "dense")) == 1
-    said = capsys.readouterr().out
-    assert "Residual action: left out, no run" in said
-    assert "TWIST2: left out, give --trackers.twist2" in said
+    assert "Residual action: left out, no run" in begun.said
+    assert "TWIST2: left out, give --trackers.twist2" in begun.said
     for split in splits:
-        assert {path.name for path in (recipe.out / split).iterdir()} == {"scores.md", "scores.csv"}
-    text = (recipe.out / "all" / "scores.md").read_text(encoding="utf-8")
+        assert {path.name for path in (out / split).iterdir()} == {"scores.md", "scores.csv"}
+    text = (out / "all" / "scores.md").read_text(encoding="utf-8")
     assert "| PLAT | plat-seed0 (50 steps), plat-seed1 (50 steps) |" in text
     assert "| DAgger | dagger |" in text
     commands = len(splits["all"][-1].records[0].clip)
     assert f"**by difficulty, mixed**\n\n| TKS@3 (%) | calm ({commands}) |" in text
-    assert "by difficulty" not in (recipe.out / "hard" / "scores.md").read_text(encoding="utf-8")
+    assert "by difficulty" not in (out / "hard" / "scores.md").read_text(encoding="utf-8")
 
 
-def test_figures_of_every_split_and_strips_of_one(recipe, monkeypatch):
+def test_figures_of_every_split_and_strips_of_one(scored, monkeypatch):
     drawn = []
     monkeypatch.setattr(evaluate, "draw_scores", lambda folder, scores: drawn.append((folder.name, scores)) or [])
     monkeypatch.setattr(evaluate, "draw_strips", lambda *arguments: drawn.append(("strips", arguments)) or [])
-    splits = ablations.main(dataclasses.replace(recipe, clip="walk"))
+    splits = ablations.main(dataclasses.replace(scored, clip="walk"))
     *figures, (_, (folder, entrants, library, _, _)) = drawn
     assert dict(figures) == splits
-    assert folder == recipe.out / "all"
+    assert folder == scored.out / "all"
     assert list(entrants) == ["Scratch RL", "DAgger", "PLAT"]
     assert library.clip_names == ["walk_b"]
 
@@ -108,35 +166,31 @@ def test_a_row_that_is_not_finished_is_said_to_be(recipe, capsys):
     assert described["PLAT"] == ["plat-seed0 (50 steps)", "plat-seed1 (50 steps)"]
 
 
-def test_what_is_known_is_not_evaluated_again(recipe, evaluated):
-    first = ablations.main(recipe)
-    evaluated.clear()
-    again = ablations.main(recipe)
-    assert evaluated == []
-    assert [score.figures for score in again["hard"]] == [score.figures for score in first["hard"]]
-    save_run(recipe.runs / "plat-seed1", refined(), steps=60)  # trained further
-    ablations.main(recipe)
-    assert sorted(evaluated) == [("long", "plain"), ("mixed", "plain"), ("mixed", "randomized")]
-    evaluated.clear()
-    ablations.main(dataclasses.replace(recipe, randomization=RandomizationRanges(foot_friction=(0.3, 0.3))))
-    assert evaluated == [("mixed", "randomized")] * 4
-    evaluated.clear()
-    ablations.main(dataclasses.replace(recipe, seed=1))  # other commands
-    assert len(evaluated) == 3 * 4 + 1
+def test_what_is_known_is_not_evaluated_again(begun, scored, asked):
+    again = ablations.main(scored)
+    assert asked == []
+    assert [score.figures for score in again["hard"]] == [score.figures for score in begun.splits["hard"]]
+    save_run(scored.runs / "plat-seed1", refined(), steps=60)  # trained further
+    ablations.main(scored)
+    assert sorted(asked) == [("long", "plain"), ("mixed", "plain"), ("mixed", "randomized")]
+    asked.clear()
+    ablations.main(dataclasses.replace(scored, randomization=RandomizationRanges(foot_friction=(0.3, 0.3))))
+    assert asked == [("mixed", "randomized")] * 4
+    asked.clear()
+    ablations.main(dataclasses.replace(scored, seed=1))  # other commands
+    assert len(asked) == 3 * 4 + 1
 
 
-def test_a_broken_record_is_made_again(recipe, evaluated, capsys):
-    ablations.main(recipe)
-    evaluated.clear()
-    (recipe.out / "records" / "dagger-long.safetensors").write_bytes(b"half a file")
-    ablations.main(recipe)
+def test_a_broken_record_is_made_again(scored, evaluated, capsys):
+    (scored.out / "records" / "dagger-long.safetensors").write_bytes(b"half a file")
+    ablations.main(scored)
     assert evaluated == [("long", "plain")]
     assert "evaluated again" in capsys.readouterr().out
 
 
-def test_without_hard_commands_there_is_no_hard_split(recipe, monkeypatch, capsys):
+def test_without_hard_commands_there_is_no_hard_split(scored, monkeypatch, capsys):
     monkeypatch.setattr(ablations, "HARD", ("brisk", "hard"))
-    assert list(ablations.main(recipe)) == ["all", "randomized", "dense"]
+    assert list(ablations.main(scored)) == ["all", "randomized", "dense"]
     assert "brisk and hard: 0 of " in capsys.readouterr().out
 
 
@@ -285,21 +339,21 @@ def on_cluster(monkeypatch):
     return names
 
 
-def test_a_cluster_scores_the_same(recipe, evaluated, on_cluster, capsys):
-    alone = ablations.main(dataclasses.replace(recipe, out=recipe.out / "alone"))
-    text = (recipe.out / "alone" / "all" / "scores.md").read_text()
-    evaluated.clear()
+def test_a_cluster_scores_the_same(begun, recipe, evaluated, on_cluster, capsys):
     splits = ablations.main(dataclasses.replace(recipe, ray=True))
     assert on_cluster == [(f"score {name}", ()) for name in ("expert", "dagger", "plat-seed0", "plat-seed1")]
     assert len(evaluated) == 3 * 4 + 1  # none of them twice
     assert {name: [score.figures for score in scores] for name, scores in splits.items()} == {
-        name: [score.figures for score in scores] for name, scores in alone.items()
+        name: [score.figures for score in scores] for name, scores in begun.splits.items()
     }
-    assert (recipe.out / "all" / "scores.md").read_text() == text
+    alone = (begun.folder / "out" / "all" / "scores.md").read_text()
+    assert (recipe.out / "all" / "scores.md").read_text() == alone
     assert "0 trainings and 4 evaluations" in capsys.readouterr().out
 
 
-def test_rows_are_in_the_table_as_soon_as_they_are_scored(recipe, trained, on_cluster, monkeypatch, tmp_path, capsys):
+def test_rows_are_in_the_table_as_soon_as_they_are_scored(
+    recipe, trained, asked, on_cluster, monkeypatch, tmp_path, capsys
+):
     tables = []
     write = ablations.write_table
 
@@ -328,7 +382,7 @@ def test_rows_are_in_the_table_as_soon_as_they_are_scored(recipe, trained, on_cl
     assert (recipe.out / "logs" / "plat-seed1.txt").exists()
 
 
-def test_rows_that_fail_leave_the_others_alone(recipe, trained, on_cluster, monkeypatch, tmp_path, capsys):
+def test_rows_that_fail_leave_the_others_alone(recipe, trained, asked, on_cluster, monkeypatch, tmp_path, capsys):
     def broken(recipe):
         raise PlatError("no such teacher")
 
