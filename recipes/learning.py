@@ -34,6 +34,8 @@ from plat.tasks.disturbed import measuring
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
+REPORT_ROBOTS, REPORT_ROLLOUTS = 64, 8
+"""Robots that the report is of, and how often each makes so many steps."""
 
 
 def learn(
@@ -154,7 +156,8 @@ def learn(
         budget.end()
         run.save()  # what follows may fail, or be killed
         if unseen is not None:
-            report_model_error(recipe.out, model, SimulatedTask(make_task(unseen), 64, device=device), actor)
+            env = SimulatedTask(make_task(unseen), REPORT_ROBOTS, device=device)
+            report_model_error(recipe.out, model, env, actor)
         run.finish()
 
 
@@ -207,7 +210,7 @@ def failures_per_second(rollout: TensorDictBase, dt: float) -> dict[str, float]:
 
 def report_model_error(folder: Path, model: DynamicsModel, env: EnvBase, actor: TensorDictModuleBase) -> None:
     """Print the model's error on an environment's motions, and write ``model_error.csv`` and figures."""
-    replay = RolloutReplay(env.batch_size[0], 8 * MODEL_STEPS, ["robot_state", "action"])
+    replay = RolloutReplay(env.batch_size[0], REPORT_ROLLOUTS * MODEL_STEPS, ["robot_state", "action"])
     for rollout in rollouts(env, exploring(actor, 0.1), MODEL_STEPS):
         replay.extend(rollout.cpu())
         if len(replay) == replay.capacity:

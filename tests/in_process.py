@@ -1,10 +1,18 @@
 """A command line run in this process, which spares the seconds that another one takes for its imports."""
 
 import io
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from pathlib import Path
 
 from plat.cli import main
+
+TRAININGS = ["plat.cli", *(f"plat.recipes.{name}" for name in ("distill", "expert_model", "imagine", "refine"))]
 
 
 @dataclass(frozen=True)
@@ -34,3 +42,34 @@ def run_plat(*words: object) -> Ended:
             if isinstance(ended.code, str):
                 print(ended.code, file=err)
     return Ended(code, out.getvalue(), err.getvalue())
+
+
+def kill_plat(ready: Callable[[], bool], output: Path, *words: object) -> None:
+    """Run ``plat`` with these words in a process of its own, and kill that as soon as it has done what is asked for.
+
+    The process is forked from one that has imported what trainings need, once for all of them.
+
+    Args:
+        ready: says whether it has.
+        output: file for what it prints.
+        words: of the command.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(TRAININGS)
+    process = context.Process(target=_plat, args=([*map(str, words)], output))
+    process.start()
+    deadline = time.monotonic() + 240
+    while not ready():
+        assert process.is_alive(), output.read_text()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    assert process.exitcode == -signal.SIGKILL, output.read_text()  # it had not ended by itself
+
+
+def _plat(words: list[str], output: Path) -> None:
+    with output.open("wb") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+    main(words)

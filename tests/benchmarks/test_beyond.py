@@ -1,5 +1,6 @@
 import sys
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import beyond
 from beyond import in_workers, large_library, on_warp
 
 
+@cache
 def motions() -> MotionLibrary:
     return MotionLibrary.from_clips(generate_motions("val", seconds=8))
 

@@ -2,6 +2,7 @@ import os
 import subprocess
 import sys
 from contextlib import nullcontext
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -21,8 +22,13 @@ from plat.robots import G1
 from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 
+@cache
+def motions() -> MotionLibrary:
+    return MotionLibrary.from_clips(generate_motions("train", seconds=8))
+
+
 def small_env(num_envs: int = 2):
-    return make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs)
+    return make_tracking_env(motions(), num_envs)
 
 
 def test_each_rollout_goes_on_where_the_last_ended():
@@ -86,12 +92,11 @@ def flailing() -> TensorDictModule:
 
 def randomized_env(num_envs: int = 4):
     config = TrackingTaskConfig(randomization=RandomizationRanges(push_interval=(0.04, 0.1), control_delay=0.5))
-    return make_tracking_env(MotionLibrary.from_clips(generate_motions("train", seconds=8)), num_envs, config)
+    return make_tracking_env(motions(), num_envs, config)
 
 
 def simulated(num_envs: int = 4):
-    library = MotionLibrary.from_clips(generate_motions("train", seconds=8))
-    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    task = TimedKeyframes(motions(), TimedKeyframesConfig(chains=6))
     ranges = RandomizationRanges(push_interval=(0.04, 0.1), control_delay=0.5)
     return SimulatedTask(task, num_envs, randomization=ranges)
 

@@ -1,7 +1,7 @@
 import os
 import signal
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 
 
+@cache
 def motions() -> MotionLibrary:
     return MotionLibrary.from_clips(generate_motions("train", seconds=8))
 

@@ -64,8 +64,16 @@ def runs(tmp_path):
     """Runs of a teacher and a student, as arguments of the recipes that need one."""
     expert = save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,))), steps=1)
     student = save_run(tmp_path / "student", LatentPolicy(G1, STUDENT), steps=1)
-    needs = {"distill": ["--expert", expert], "refine": ["--student", student], "refine-model": ["--student", student]}
-    return {name: [*map(str, needs.get(name, []))] for name in (*needs, "expert", "expert-model", "imagine")}
+    chains = ["--task.chains", 12]  # by default there are 1200, which take seconds
+    needs = {
+        "distill": ["--expert", expert],
+        "refine": ["--student", student],
+        "refine-model": ["--student", student, "--unseen", *chains],
+        "expert": [],
+        "expert-model": ["--unseen"],
+        "imagine": ["--unseen", *chains],
+    }
+    return {name: [*map(str, flags)] for name, flags in needs.items()}
 
 
 @pytest.mark.parametrize("recipe", ["expert", "expert-model", "imagine", "distill", "refine", "refine-model"])
