@@ -236,7 +236,8 @@ def test_bad_input_is_one_clear_line(tmp_path, recipe, arguments, message):
 
 
 def test_wandb_works_offline(tmp_path):
-    short = ["--num-envs", 8, "--motions", write_motions(tmp_path, 31), *STAGES["expert"], "--steps", 50]  # as its video is
+    motions = write_motions(tmp_path, 31)  # short, as its video is
+    short = ["--num-envs", 8, "--motions", motions, *STAGES["expert"], "--steps", 50]
     out = run("expert", *short, "--out", tmp_path / "run", "--wandb", "--video-every", 0.001)
     assert list((tmp_path / "run" / "wandb").glob("offline-run-*"))
     # a machine without OpenGL says so and goes on

@@ -24,7 +24,7 @@ from plat.evaluation.cells import Candidate
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.study import StudyPlan, run_study
 from plat.keyframes import KeyframeSequence, standing
-from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy, LatentPolicyConfig
+from plat.modules import Critic, Expert, ExpertConfig, LatentPolicy
 from plat.motions import MotionClip, MotionLibrary, load_motions, mirror_motion, save_csv, save_motions
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.objectives import PPO, PPOConfig, motor_gradient
@@ -34,6 +34,7 @@ from plat.robots.center_of_mass import link_names
 from plat.runs import Budget, Run, load_policy
 from plat.tasks import draw_chains
 from tests.export.runs import write_run
+from tests.modules.policies.test_student import SMALL
 
 DESCRIPTION = Path(__file__).parent / "toy.json"
 SIMULATION = {"noise": NoiseLevels(), "randomization": RandomizationRanges()}
@@ -112,7 +113,7 @@ def test_stage_one_learns_and_its_run_is_loaded(toy, motions, tmp_path):
     torch.manual_seed(0)
     expert = Expert(toy, ExpertConfig(hidden=(16,)))
     env = make_tracking_env(motions, 16, TrackingTaskConfig(**SIMULATION), goals=expert.goals)
-    critic = Critic(toy, expert.normalizer.in_keys)
+    critic = Critic(toy, expert.normalizer.in_keys, (16,))
     ppo = PPO(expert.head(), critic.head(), critic.observe(), PPOConfig())
     budget = Budget(steps=300)
     run = Run(
@@ -145,7 +146,7 @@ def test_stage_one_learns_and_its_run_is_loaded(toy, motions, tmp_path):
 
 
 def test_a_run_of_a_robot_that_nobody_registered_says_so(toy, tmp_path, monkeypatch):
-    write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4)))
+    write_run(tmp_path / "run", LatentPolicy(toy, SMALL))
     monkeypatch.delitem(registry._ROBOTS, "toy")
     with pytest.raises(CheckpointError, match="robot 'toy' is unknown, expected one of .*register_robot"):
         load_policy(tmp_path / "run")
@@ -159,7 +160,7 @@ def forgotten(toy, motions, tmp_path, monkeypatch) -> list[str]:
     save_motions(tmp_path / "squats.npz", [squats(toy)], toy)
     write_run(tmp_path / "expert", Expert(toy, ExpertConfig(hidden=(8,))))
     for name in ("one", "other"):
-        write_run(tmp_path / name, LatentPolicy(toy, LatentPolicyConfig(latent_size=4)))
+        write_run(tmp_path / name, LatentPolicy(toy, SMALL))
     monkeypatch.delitem(registry._ROBOTS, "toy")
     return ["--robot", str(DESCRIPTION)]
 
@@ -196,7 +197,7 @@ def test_processes_know_a_robot_of_a_file(tmp_path, forgotten):
 
 
 def test_keyframes_are_chased_and_scored(toy, motions):
-    student = LatentPolicy(toy, LatentPolicyConfig(latent_size=4)).eval()
+    student = LatentPolicy(toy, SMALL).eval()
     env = make_keyframe_env(motions, 4, KeyframeTaskConfig(**SIMULATION))
     assert env.rollout(5, student.deployed())["next", "reward"].isfinite().all()
     scores = report(evaluate(student.deployed(), motions, HORIZONS["long"]))
@@ -213,7 +214,7 @@ def test_it_is_exported(toy, tmp_path):
     from plat.export import export_bundle
 
     torch.manual_seed(0)
-    run = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4)).eval())
+    run = write_run(tmp_path / "run", LatentPolicy(toy, SMALL).eval())
     export_bundle(run, tmp_path / "bundle")
     runner = PolicyRunner(tmp_path / "bundle")
     simulator, pose = Simulator(toy.model()), standing(toy)
@@ -252,7 +253,7 @@ def test_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
 
 
 def test_the_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
-    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4))), standing(toy)
+    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, SMALL)), standing(toy)
     KeyframeSequence(toy, pose, (pose.at(0.1),)).save(tmp_path / "stand.json")
     play = ["play", "--policy", str(run), "--keyframes", str(tmp_path / "stand.json"), "--hold", "0"]
     monkeypatch.delitem(registry._ROBOTS, "toy")
@@ -265,7 +266,7 @@ def test_the_commands_take_its_description(toy, tmp_path, monkeypatch, capsys):
 def test_it_is_exported_and_run_at_the_physics_that_it_can_do(toy, tmp_path, monkeypatch, capsys):
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package)
-    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, LatentPolicyConfig(latent_size=4))), standing(toy)
+    run, pose = write_run(tmp_path / "run", LatentPolicy(toy, SMALL)), standing(toy)
     KeyframeSequence(toy, pose, (pose.at(0.1),)).save(tmp_path / "stand.json")
     monkeypatch.delitem(registry._ROBOTS, "toy")
     main(["export", str(run), "--out", str(tmp_path / "bundle"), "--robot", str(DESCRIPTION)])
@@ -307,7 +308,7 @@ def test_its_curve_of_friction_begins_with_a_test_of_its_own(toy):
     assert plan.strengths_of("friction", G1) == (0.1,)
     assert plan.strengths_of("push", toy) == (1.5,)
     library = MotionLibrary.from_clips(squats(toy), toy)
-    entrant = Entrant.of_policy(LatentPolicy(toy))
+    entrant = Entrant.of_policy(LatentPolicy(toy, SMALL))
     candidate = Candidate("toy", lambda: entrant, "as it is")
     study = run_study({candidate: entrant}, library, plan, workers=1)
     friction = {point.strength for point in study.curves if point.disturbance == "friction"}
