@@ -39,26 +39,19 @@ def touch(figure: Any, stem: Path) -> list[Path]:
     return []
 
 
-@pytest.fixture
-def recipe(tmp_path, monkeypatch) -> BenchmarkRecipe:
-    """Two tiny runs on two motions of 2 s, and one disturbance of one strength."""
-    pytest.importorskip("matplotlib")
-    monkeypatch.setattr(study, "STRENGTHS", {**STRENGTHS, "friction": Strength("coefficient", (0.8, 0.1))})
-    monkeypatch.setattr(benchmark, "save_figure", touch)
-    monkeypatch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: authored_records())
-    runs = (
-        save_run(tmp_path / "plain", PlainPolicy(G1, SMALL)),
-        save_run(tmp_path / "expert", Expert(G1, ExpertConfig(hidden=(8,)))),
-    )
-    config = json.loads((runs[0] / "config.json").read_text())
-    settings = {"motions": ["bandai_train.npz", "mine.npz"], "student": "plain"}
-    (runs[0] / "config.json").write_text(json.dumps({**config, "recipe": {"name": "imagine", "settings": settings}}))
-    (tmp_path / "manifest.csv").write_text("clip,family\nrun_a,run\nwalk_b,walk\n")
+def quick(patch: pytest.MonkeyPatch) -> None:
+    """Leave out what has tests of its own: figures and authored keyframes; one disturbance of one strength."""
+    patch.setattr(study, "STRENGTHS", {**STRENGTHS, "friction": Strength("coefficient", (0.8, 0.1))})
+    patch.setattr(benchmark, "save_figure", touch)
+    patch.setattr(authored_cells, "evaluate_authored", lambda *_, **__: authored_records())
+
+
+def recipe_in(folder: Path) -> BenchmarkRecipe:
     return BenchmarkRecipe(
-        runs=runs,
-        out=tmp_path / "out",
-        hard=(Path(write_motions(tmp_path)),),
-        manifest=(tmp_path / "manifest.csv",),
+        runs=(folder / "plain", folder / "expert"),
+        out=folder / "out",
+        hard=(folder / "motions.npz",),
+        manifest=(folder / "manifest.csv",),
         generated=4.0,
         longest=1.2,
         clips=3,
@@ -72,8 +65,33 @@ def recipe(tmp_path, monkeypatch) -> BenchmarkRecipe:
     )
 
 
-def test_one_document_and_figures_of_every_kind(recipe, monkeypatch, capsys):
-    studies = benchmark.main(recipe)
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> tuple[Path, dict[str, Study]]:
+    """A folder with two tiny runs, two motions of 2 s and the benchmark of them, and what the benchmark returned."""
+    pytest.importorskip("matplotlib")
+    folder = tmp_path_factory.mktemp("finished")
+    run = save_run(folder / "plain", PlainPolicy(G1, SMALL))
+    save_run(folder / "expert", Expert(G1, ExpertConfig(hidden=(8,))))
+    config = json.loads((run / "config.json").read_text())
+    settings = {"motions": ["bandai_train.npz", "mine.npz"], "student": "plain"}
+    (run / "config.json").write_text(json.dumps({**config, "recipe": {"name": "imagine", "settings": settings}}))
+    write_motions(folder)
+    (folder / "manifest.csv").write_text("clip,family\nrun_a,run\nwalk_b,walk\n")
+    with pytest.MonkeyPatch.context() as patch:
+        quick(patch)
+        return folder, benchmark.main(recipe_in(folder))
+
+
+@pytest.fixture
+def recipe(finished, tmp_path, monkeypatch) -> BenchmarkRecipe:
+    """The recipe of that benchmark, in a copy of the folder."""
+    shutil.copytree(finished[0], tmp_path, dirs_exist_ok=True)
+    quick(monkeypatch)
+    return recipe_in(tmp_path)
+
+
+def test_one_document_and_figures_of_every_kind(finished, recipe, monkeypatch):
+    _, studies = finished
     assert list(studies) == ["motions", "generated"]
     found = studies["motions"]
     expert = next(score.policy for score in found.scores if score.policy.startswith("expert"))
@@ -289,7 +307,6 @@ def test_sets_of_one_name_are_refused(tmp_path):
 
 
 def test_tables_of_an_earlier_start_are_not_under_the_head_of_another(recipe, monkeypatch):
-    benchmark.main(recipe)
     text = (recipe.out / "benchmark.md").read_text()
     assert "## motions" in text
     assert "## generated" in text

@@ -307,7 +307,7 @@ def test_its_curve_of_friction_begins_with_a_test_of_its_own(toy):
     assert plan.strengths_of("friction", toy) == (0.8, 0.1)
     assert plan.strengths_of("friction", G1) == (0.1,)
     assert plan.strengths_of("push", toy) == (1.5,)
-    library = MotionLibrary.from_clips(squats(toy), toy)
+    library = MotionLibrary.from_clips(squats(toy, frames=30), toy)
     entrant = Entrant.of_policy(LatentPolicy(toy, SMALL))
     candidate = Candidate("toy", lambda: entrant, "as it is")
     study = run_study({candidate: entrant}, library, plan, workers=1)
