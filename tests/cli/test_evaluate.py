@@ -37,7 +37,9 @@ def recipe(folder, *names, frames=34, **settings) -> evaluate.EvaluateRecipe:
 
 
 def test_every_policy_at_every_horizon(runs, capsys):
-    scores = evaluate.main(recipe(runs, "plain", "far-sighted", horizon=("long", "single"), csv=runs / "scores.csv", frames=61))
+    scores = evaluate.main(
+        recipe(runs, "plain", "far-sighted", horizon=("long", "single"), csv=runs / "scores.csv", frames=61)
+    )
     cells = [("plain", "long"), ("far-sighted", "long"), ("plain", "single"), ("far-sighted", "single")]
     assert [(score.policy, score.horizon) for score in scores] == cells
     assert [len(score.records[0].clip) for score in scores[::2]] == [4, 200]
@@ -81,7 +83,10 @@ def test_only_some_motions(runs, capsys):
 
 
 def test_what_a_robot_meets(runs):
-    scores = [evaluate.main(recipe(runs, "plain", frames=61, **more))[0] for more in ({}, {"disturbed": 1.0}, {"disturbed": 0.5})]
+    scores = [
+        evaluate.main(recipe(runs, "plain", frames=61, **more))[0]
+        for more in ({}, {"disturbed": 1.0}, {"disturbed": 0.5})
+    ]
     errors = [score.figures["mpkpe"].value for score in scores]
     assert len(set(errors)) == 3
     with pytest.raises(PlatError, match="--disturbed"):
@@ -158,7 +163,9 @@ def test_figures_are_drawn(runs, capsys):
     folder = runs / "figures"
     folder.mkdir()
     (folder / "bars_single.png").touch()  # of an earlier start
-    evaluate.main(recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk", frames=40))
+    evaluate.main(
+        recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk", frames=40)
+    )
     drawn = {path.name for path in folder.iterdir()}
     stems = {"radar", "bars_short", "bars_long", "bars_mixed", "success"}
     if "no film strip" not in capsys.readouterr().out:  # a machine without OpenGL says so
