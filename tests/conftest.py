@@ -4,6 +4,7 @@ import gc
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,9 +33,9 @@ if "PLAT_CACHE_DIR" not in os.environ:  # processes that tests start inherit it
 
 # where pytest is loaded, tyro checks its cache at random: one command line in hundreds fails
 with suppress(ImportError):
-    cache = import_module("tyro._unsafe_cache")
-    if hasattr(cache, "sys"):
-        cache.sys = SimpleNamespace(modules={})
+    tyro_cache = import_module("tyro._unsafe_cache")
+    if hasattr(tyro_cache, "sys"):
+        tyro_cache.sys = SimpleNamespace(modules={})
 
 SLOW = (
     "benchmarks/",
@@ -107,6 +108,19 @@ def shared_data() -> Path:
     if not SHARED.exists():
         pytest.skip(f"development data is not at {SHARED}")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def quick_exports() -> Iterator[None]:
+    """ONNX exports of which all but the first read no table of operators: that is a third of each."""
+    for package in ("onnx", "onnxscript"):
+        pytest.importorskip(package)
+    with pytest.MonkeyPatch.context() as patch, suppress(ImportError, AttributeError):  # torch's own, it may change
+        registry = import_module("torch.onnx._internal.exporter._registration").ONNXRegistry
+        patch.setattr(registry, "from_torchlib", staticmethod(cache(registry.from_torchlib)))
+        yield
+        return
+    yield
 
 
 def standing_clip(name: str = "standing", frames: int = 61, fps: float = 30.0) -> MotionClip:

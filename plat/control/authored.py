@@ -5,6 +5,7 @@ a hold. The same seed gives the same chains.
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -33,6 +34,7 @@ Pose = NDArray[np.float64]
 # What counts as at rest in a clip.
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
 _FOOT_OFF = 5e-3  # m
+_SPARE = 3  # crouches that are solved ahead beyond those of a chain, for feet that come off
 
 FAMILIES: dict[str, ChainFamily] = {name: family for name, family in FAMILY_TABLE.items() if family.scored}
 """The families that are scored, by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s.
@@ -172,13 +174,14 @@ class _Draw:
     def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
         self._robot, self._random, self._resting = robot, random, resting
         self._stand = robot.default_qpos
-        self._legs = robot.leg_joints
+        self._upper = np.setdiff1d(np.arange(robot.num_joints), robot.leg_joints)
         if has_six_joint_legs(robot):
             self._body = WholeBody(robot)
             feet = ForwardKinematics(robot, robot.feet)
             stand = torch.from_numpy(self._stand)
             self._feet_pos, self._feet_quat = feet(stand[:3], stand[3:7], stand[7:])
             self._com = self._body.center_of_mass(stand[None])[0, :2]
+        self._solved: dict[tuple[float, float], tuple[Pose, float]] = {}
         if all(hands_of(robot)):
             self._hands = ForwardKinematics(robot, hands_of(robot))
         self._model = robot.shared_model
@@ -190,6 +193,8 @@ class _Draw:
             return self._walk(family.way, family.turn, family.length)
         if family.same:
             return [self._pose(family)] * family.length
+        if family.lowered is not None:
+            self._solve_ahead(family, family.lowered)
         return [self._pose(family) for _ in range(family.length)]
 
     def _pose(self, family: ChainFamily) -> Pose:
@@ -209,7 +214,7 @@ class _Draw:
     def _arms(self, base: Pose, count: int) -> Pose:
         """Return ``count`` poses with other joints than the legs' anywhere in the middle of their ranges."""
         low, high = self._robot.joint_range.double().numpy().T
-        upper = np.setdiff1d(np.arange(self._robot.num_joints), self._legs)
+        upper = self._upper
         poses = np.tile(base, (count, 1))
         share = self._random.uniform(*MIDDLE, (count, len(upper)))
         poses[:, 7 + upper] = low[upper] + share * (high - low)[upper]
@@ -230,24 +235,39 @@ class _Draw:
     def _crouching(self, lowered: tuple[float, float], lean: float) -> Pose:
         """Return a crouch with the feet in place and the center of mass where it is over them in the standing pose."""
         while True:
-            pose, off = self._crouched(self._random.uniform(*lowered), self._random.uniform(0.0, lean))
+            drawn = self._random.uniform(*lowered), self._random.uniform(0.0, lean)
+            pose, off = self._solved.pop(drawn) if drawn in self._solved else self._crouched([drawn])[0]
             # deep and upright at once is beyond the ankles
             if off < _FOOT_OFF:
                 return pose
 
-    def _crouched(self, lowered: float, lean: float) -> tuple[Pose, float]:
-        """Return a crouch, and the error of a foot's position (m)."""
-        pose = torch.from_numpy(self._stand.copy())
-        pose[2] -= lowered
-        pose[3:7] = quat_from_rotvec(torch.tensor([0.0, lean, 0.0], dtype=torch.float64))
-        weight = torch.ones(1, 2, dtype=torch.float64)
+    def _solve_ahead(self, family: ChainFamily, lowered: tuple[float, float]) -> None:
+        """Solve for the crouches that a chain will most likely ask for: all at once take as long as one.
+
+        The draws are guessed on a copy of the generator. They are these where feet stay in place and the first draw of
+        arms has one with the hands ahead. Others are solved for when their turn comes.
+        """
+        random, drawn = deepcopy(self._random), []
+        for _ in range(family.length + _SPARE):
+            drawn.append((random.uniform(*lowered), random.uniform(0.0, family.lean)))
+            if family.arms:
+                random.random((TRIES if family.hands_ahead else 1, len(self._upper)))
+        self._solved = dict(zip(drawn, self._crouched(drawn), strict=True))
+
+    def _crouched(self, drawn: Sequence[tuple[float, float]]) -> list[tuple[Pose, float]]:
+        """Return crouches by how far they are lowered (m) and lean (rad), each with the error of a foot's place (m)."""
+        lowered, lean = torch.tensor(drawn, dtype=torch.float64).unbind(-1)
+        poses = torch.from_numpy(self._stand).repeat(len(drawn), 1)
+        poses[:, 2] -= lowered
+        poses[:, 3:7] = quat_from_rotvec(lean[:, None] * torch.eye(3, dtype=torch.float64)[1])
+        feet_pos, feet_quat = (values.expand(len(drawn), -1, -1) for values in (self._feet_pos, self._feet_quat))
+        weight = torch.ones(len(drawn), 2, dtype=torch.float64)
         for _ in range(8):
-            joints, off, _ = self._body.solve_legs(
-                pose[None, :3], pose[None, 3:7], self._feet_pos[None], self._feet_quat[None], weight, pose[None, 7:]
+            poses[:, 7:], off, _ = self._body.solve_legs(
+                poses[:, :3], poses[:, 3:7], feet_pos, feet_quat, weight, poses[:, 7:]
             )
-            pose[7:] = joints[0]
-            pose[:2] += self._com - self._body.center_of_mass(pose[None])[0, :2]
-        return pose.numpy(), float(off.max())
+            poses[:, :2] += self._com - self._body.center_of_mass(poses)[:, :2]
+        return list(zip(poses.numpy(), off.amax(-1).tolist(), strict=True))
 
     def _walk(self, way: tuple[float, float], turn: float, length: int) -> list[Pose]:
         place, heading, poses = np.zeros(2), 0.0, []

@@ -29,14 +29,17 @@ def runs(tmp_path):
     return tmp_path
 
 
-def recipe(folder, *names, **settings) -> evaluate.EvaluateRecipe:
+def recipe(folder, *names, frames=34, **settings) -> evaluate.EvaluateRecipe:
+    """An evaluation on two clips: of a second, which is one long command of each; 61 frames are two seconds."""
     settings = {"horizon": ("long",), **settings}
     runs = tuple(folder / name for name in names)
-    return evaluate.EvaluateRecipe(runs=runs, motions=(write_motions(folder),), device="cpu", **settings)
+    return evaluate.EvaluateRecipe(runs=runs, motions=(write_motions(folder, frames),), device="cpu", **settings)
 
 
 def test_every_policy_at_every_horizon(runs, capsys):
-    scores = evaluate.main(recipe(runs, "plain", "far-sighted", horizon=("long", "single"), csv=runs / "scores.csv"))
+    scores = evaluate.main(
+        recipe(runs, "plain", "far-sighted", horizon=("long", "single"), csv=runs / "scores.csv", frames=61)
+    )
     cells = [("plain", "long"), ("far-sighted", "long"), ("plain", "single"), ("far-sighted", "single")]
     assert [(score.policy, score.horizon) for score in scores] == cells
     assert [len(score.records[0].clip) for score in scores[::2]] == [4, 200]
@@ -74,13 +77,16 @@ def test_folders_of_motions_are_searched_once(runs, monkeypatch):
 
 
 def test_only_some_motions(runs, capsys):
-    (score,) = evaluate.main(recipe(runs, "plain", only="run"))
+    (score,) = evaluate.main(recipe(runs, "plain", only="run", frames=61))
     assert score.records[0].clip.unique().tolist() == [0]
     assert capsys.readouterr().out.startswith("1 motion, 2 s; intervals over one motion say nothing of others")
 
 
 def test_what_a_robot_meets(runs):
-    scores = [evaluate.main(recipe(runs, "plain", **more))[0] for more in ({}, {"disturbed": 1.0}, {"disturbed": 0.5})]
+    scores = [
+        evaluate.main(recipe(runs, "plain", frames=61, **more))[0]
+        for more in ({}, {"disturbed": 1.0}, {"disturbed": 0.5})
+    ]
     errors = [score.figures["mpkpe"].value for score in scores]
     assert len(set(errors)) == 3
     with pytest.raises(PlatError, match="--disturbed"):
@@ -157,7 +163,9 @@ def test_figures_are_drawn(runs, capsys):
     folder = runs / "figures"
     folder.mkdir()
     (folder / "bars_single.png").touch()  # of an earlier start
-    evaluate.main(recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk"))
+    evaluate.main(
+        recipe(runs, "plain", "expert", horizon=("short", "long", "mixed"), figures=folder, clip="walk", frames=40)
+    )
     drawn = {path.name for path in folder.iterdir()}
     stems = {"radar", "bars_short", "bars_long", "bars_mixed", "success"}
     if "no film strip" not in capsys.readouterr().out:  # a machine without OpenGL says so
@@ -219,7 +227,7 @@ def test_a_clip_that_is_not_there_is_named_before_the_evaluation(runs, monkeypat
 def test_released_trackers_take_part(runs, shared_data):
     pytest.importorskip("onnxruntime")
     trackers = ReleasedTrackers(twist2=shared_data / "baselines" / "twist2" / "twist2_1017_20k.onnx")
-    plain, twist2 = evaluate.main(recipe(runs, "plain", trackers=trackers))
+    plain, twist2 = evaluate.main(recipe(runs, "plain", trackers=trackers, frames=61))
     assert twist2.policy == "TWIST2"
     assert plain.records[0].length.equal(twist2.records[0].length)  # the same commands
     assert twist2.figures["tks"].value > 50
@@ -369,7 +377,7 @@ def test_authored_keyframes_are_on_the_page_as_they_come(runs, tmp_path, monkeyp
 
 def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):
     save_run(runs / "slow", PlainPolicy(G1, replace(SMALL, timing=Timing(control_dt=0.04, max_steps=150))))
-    (score,) = evaluate.main(recipe(runs, "slow", horizon=("all",), num_envs=2))
+    (score,) = evaluate.main(recipe(runs, "slow", horizon=("all",), num_envs=2, frames=61))
     assert score.horizon == "all"
     assert int(score.records[0].length.sum()) == 2 * 50  # two clips of 2 s
     assert capsys.readouterr().out.startswith("2 motions, 4 s")

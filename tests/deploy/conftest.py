@@ -12,7 +12,7 @@ def run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def bundle(run, tmp_path_factory) -> Path:
+def bundle(run, tmp_path_factory, quick_exports) -> Path:
     """Its bundle."""
     for package in ("onnx", "onnxscript", "onnxruntime"):
         pytest.importorskip(package)

@@ -46,7 +46,8 @@ def test_importing_plat_registers_it_and_does_not_import_torch():
 
 
 def test_gymnasium_finds_it_without_an_import_of_plat():
-    program = "import gymnasium; print(gymnasium.make('plat:plat/G1TimedKeyframe-v0', max_episode_steps=5).spec.id)"
+    made = "gymnasium.make('plat:plat/G1TimedKeyframe-v0', max_episode_steps=5, motions='generated:val@8')"
+    program = f"import gymnasium; print({made}.spec.id)"
     out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "plat/G1TimedKeyframe-v0"
 

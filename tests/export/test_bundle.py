@@ -9,6 +9,7 @@ from tensordict.nn import TensorDictModule
 from plat.deploy import PolicyRunner, RobotState
 from plat.errors import BundleError
 from plat.export import JointTargetNetwork, export_bundle
+from plat.export.onnx_file import onnx_model
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
 from plat.runs import average_runs, register_policy
@@ -16,9 +17,28 @@ from plat.runs.policies import _KINDS
 from plat.scratch import Scratch
 from tests.export.runs import KINDS, small_policy, write_run
 
-pytest.importorskip("onnx")
+onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxscript")
 pytest.importorskip("onnxruntime")
+
+pytestmark = pytest.mark.usefixtures("quick_exports")
+
+_WRITTEN: dict[bytes, bytes] = {}
+
+
+@pytest.fixture
+def written_once(monkeypatch):
+    """For tests of what is around the network: torch writes one of the same weights once, which takes seconds."""
+
+    def model(network, num_features, metadata):
+        weights = b"".join(value.numpy().tobytes() for value in network.state_dict().values())
+        if weights not in _WRITTEN:
+            _WRITTEN[weights] = onnx_model(network, num_features, {}).SerializeToString()
+        written = onnx.load_from_string(_WRITTEN[weights])
+        onnx.helper.set_model_props(written, dict(metadata))
+        return written
+
+    monkeypatch.setattr("plat.export.bundle.onnx_model", model)
 
 
 class Keyframe:
@@ -51,7 +71,7 @@ def test_the_same_run_gives_the_same_files(tmp_path):
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
 
-def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path):
+def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path, written_once):
     policy = small_policy("plain")
     write_run(tmp_path / "a", policy, motions=["bandai.npz"]), write_run(tmp_path / "b", policy, motions=["asap.npz"])
     export_bundle(average_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "mean").folder, tmp_path / "bundle")
@@ -61,7 +81,7 @@ def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path):
     assert "strictest of these licenses: CC BY-NC 4.0." in card
 
 
-def test_a_renamed_run_keeps_its_scores(tmp_path):
+def test_a_renamed_run_keeps_its_scores(tmp_path, written_once):
     run = write_run(tmp_path / "run", small_policy("plain"))
     (run / "evaluation.csv").write_text("policy,horizon,metric,value,low,high\nrun,long,tks,99.5,99.25,99.75\n")
     export_bundle(run.rename(tmp_path / "renamed"), tmp_path / "bundle")
@@ -110,7 +130,7 @@ def test_a_folder_that_is_there_is_not_touched(tmp_path):
         export_bundle(run, tmp_path / "bundle")
 
 
-def test_a_network_that_differs_is_not_let_through(tmp_path, monkeypatch):
+def test_a_network_that_differs_is_not_let_through(tmp_path, monkeypatch, written_once):
     run = write_run(tmp_path / "run", small_policy("plain"))
     monkeypatch.setattr("plat.export.bundle.TOLERANCE", 1e-12)
     with pytest.raises(BundleError, match="exported and torch policy differ by .* rad, expected at most 1e-12"):
@@ -118,7 +138,7 @@ def test_a_network_that_differs_is_not_let_through(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_nothing_is_left_behind_when_the_disk_is_full(tmp_path, monkeypatch):
+def test_nothing_is_left_behind_when_the_disk_is_full(tmp_path, monkeypatch, written_once):
     run = write_run(tmp_path / "run", small_policy("plain"))
 
     def full(*_: object) -> str:
@@ -130,7 +150,7 @@ def test_nothing_is_left_behind_when_the_disk_is_full(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_what_a_killed_export_left_goes_with_the_next(tmp_path):
+def test_what_a_killed_export_left_goes_with_the_next(tmp_path, written_once):
     run = write_run(tmp_path / "run", small_policy("plain"))
     killed = Scratch(".bundle-", tmp_path)
     (killed.path / "bundle").mkdir()

@@ -30,6 +30,9 @@ from plat.studio.session import Session
 from plat.studio.templates import template
 from plat.studio.timeline import Timeline
 
+# Errors are shown for 15 s: these are over when a test says so.
+_LINGERING = """const later = window.setTimeout; window.lingering = [];
+window.setTimeout = (end, time, ...more) => time === 15000 ? lingering.push(end) : later(end, time, ...more);"""
 _PATIENCE = 180_000  # ms: a browser that draws in software, on a machine that has other things to do
 
 
@@ -64,10 +67,11 @@ def studio(policies, folder) -> Iterator[Studio]:
 class User:
     """Somebody with the page open."""
 
-    def __init__(self, studio: Studio, browser: Browser):
+    def __init__(self, studio: Studio, browser: Browser, script: str = ""):
         self.studio, self.session = studio, studio.session
         self.page = browser.new_page(viewport={"width": 1000, "height": 560})
         self.page.set_default_timeout(_PATIENCE)
+        self.page.add_init_script(script)
         self._marks = itertools.count()
         self.page.goto(f"http://127.0.0.1:{studio.server.get_port()}")
         self.page.wait_for_function("document.querySelector('#dock-cover').style.display === 'none'")
@@ -591,7 +595,7 @@ def test_a_page_whose_studio_is_started_again_comes_back(policies, browser, tmp_
 
     studio, thread = started()
     try:
-        user = User(studio, browser)
+        user = User(studio, browser, _LINGERING)
         user.key("Delete", "Delete")
         user.page.wait_for_function("document.querySelectorAll('#dock-notes .error').length === 2")
         studio._desk.ask(studio.session.add)
@@ -602,6 +606,7 @@ def test_a_page_whose_studio_is_started_again_comes_back(policies, browser, tmp_
         user.sees("The studio has stopped.")
         studio, thread = started()
         user.sees("Restore autosave.")
+        user.page.evaluate("lingering.splice(0).forEach((end) => end())")
         user.page.locator("#dock-notes .error").last.wait_for(state="detached")
         user.key("Delete")
         user.page.locator("#dock-notes .error").wait_for()

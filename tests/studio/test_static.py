@@ -6,6 +6,7 @@ import http.server
 import json
 import math
 import re
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ from plat.spec.timing import Timing
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
+import plat.studio.static
 from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator
 from plat.runs import load_policy
 from plat.studio.checker import Checker
@@ -43,6 +45,22 @@ from tests.studio.conftest import node_modules, squat
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
 _NEAR = (1e-4, 5e-3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _exported_once(tmp_path_factory) -> Iterator[None]:
+    """The bundle of a policy is made once, which takes seconds, and copied for every further page."""
+    export, made = plat.studio.static.export_bundle, dict[Path, Path]()
+
+    def exported(run: Path, out: Path) -> None:
+        if run not in made:
+            made[run] = tmp_path_factory.mktemp("bundles") / "bundle"
+            export(run, made[run])
+        shutil.copytree(made[run], out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plat.studio.static, "export_bundle", exported)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +112,7 @@ def test_without_libraries_the_page_links_them(tmp_path):
         assert (tmp_path / "page" / name).stat().st_size > 0
 
 
-def test_policies_of_all_names_are_written_and_nothing_beside_them(tmp_path):
+def test_policies_of_all_names_are_written_and_nothing_beside_them(tmp_path, quick_exports):
     runs = {"a/plat": "plat-g1", "/b/plat": "imagined-g1", "..": "plat-g1", "#1 100%?": "plat-g1"}
     write_static(tmp_path / "page", G1, {name: Path(run) for name, run in runs.items()}, Timing())
     assert [path.name for path in tmp_path.iterdir()] == ["page"]
@@ -194,7 +212,7 @@ def _libraries() -> Path:
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory) -> Iterator[str]:
+def address(tmp_path_factory, quick_exports) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("static") / "page"
     write_static(folder, G1, {"plat": Path("plat-g1"), "imagined": Path("imagined-g1")}, Timing(), _libraries())
     with _served(folder) as address:
@@ -790,10 +808,8 @@ def test_doubts_are_pythons(visitor):
 
 
 @pytest.mark.slow
-def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
+def test_trajectories_and_scores_are_pythons(visitor, tmp_path):
     """The same keyframe file, in a headless Chromium and here."""
-    page.goto(address)
-    page.wait_for_function("window.platStudio !== undefined")
     for name, run, motion, pins, stretch in (
         ("plat", "plat-g1", "bow", None, 1.0),
         ("plat", "plat-g1", "bow", None, 1.0375),  # arrivals are between control steps, one in the middle of two
@@ -810,7 +826,7 @@ def test_trajectories_and_scores_are_pythons(page, address, tmp_path):
         player = Player(G1, PolicyController(load_policy(run).deployed(), G1), timeline.sequence())
         while not player.finished:
             player.take_step()
-        played = page.evaluate(
+        played = visitor.page.evaluate(
             "async ([name, text]) => (await import('./studio.mjs')).play(window.platStudio, name, text)",
             [name, file.read_text(encoding="utf-8")],
         )

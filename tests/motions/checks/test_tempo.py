@@ -12,7 +12,7 @@ from plat.robots import G1
 @pytest.fixture(scope="module")
 def walk() -> MotionClip:
     """A walk of several steps that plat makes itself."""
-    return next(clip for clip in generate_motions("train", seconds=90) if clip.name.startswith("walk_"))
+    return next(clip for clip in generate_motions("train", seconds=20) if clip.name.startswith("walk_"))
 
 
 def test_a_walk_fits_its_own_rate(walk):

@@ -293,7 +293,7 @@ def test_a_header_whose_quaternion_order_is_wrong(tmp_path):
 
 @pytest.fixture(scope="module")
 def walk() -> MotionClip:
-    return next(clip for clip in generate_motions("train", seconds=90) if clip.name.startswith("walk_"))
+    return next(clip for clip in generate_motions("train", seconds=20) if clip.name.startswith("walk_"))
 
 
 @pytest.mark.parametrize("name", ["walk_{0}hz", "walk_fps{0}", "walk_{0}_fps", "walk @{0}"])
