@@ -20,7 +20,7 @@ RUNS = {
     "finetuned-hard": "finetuned",
     "expert-last": "expert-model",
     "sides": "imagined",
-    "latent-second": "imagined-latent",
+    "latent-third": "imagined-latent",
     "robot-second": "imagined-robot",
     "free-22": "imagined-free",
     "plat-generated": "plat-generated",
