@@ -196,6 +196,7 @@ def test_a_latent_residual_learns(library):
 def test_the_critic_learns_however_slow_the_policy():
     losses = []
     for rate, steps in ((3e-2, 60), (1e-7, 20)):
+        torch.manual_seed(4)  # a critic that begins far off: what is left at the end is noise of the rewards
         toy = Toy(lr=1e-7, min_lr=1e-7, max_lr=1e-7, critic_lr=rate, epochs=1, minibatches=1)
         losses.append([toy.ppo.step(toy.rollout())["value_loss"] for _ in range(steps)])
     assert losses[0][-1] < 0.5 * losses[0][0]
