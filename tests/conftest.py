@@ -115,12 +115,11 @@ def quick_exports() -> Iterator[None]:
     """ONNX exports of which all but the first read no table of operators: that is a third of each."""
     for package in ("onnx", "onnxscript"):
         pytest.importorskip(package)
-    with pytest.MonkeyPatch.context() as patch, suppress(ImportError, AttributeError):  # torch's own, it may change
-        registry = import_module("torch.onnx._internal.exporter._registration").ONNXRegistry
-        patch.setattr(registry, "from_torchlib", staticmethod(cache(registry.from_torchlib)))
+    with pytest.MonkeyPatch.context() as patch:
+        with suppress(ImportError, AttributeError):  # torch's own, it may change
+            registry = import_module("torch.onnx._internal.exporter._registration").ONNXRegistry
+            patch.setattr(registry, "from_torchlib", staticmethod(cache(registry.from_torchlib)))
         yield
-        return
-    yield
 
 
 def standing_clip(name: str = "standing", frames: int = 61, fps: float = 30.0) -> MotionClip:

@@ -273,11 +273,12 @@ def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
     if len(kept) == library.num_clips:
         return kept
     short = library.num_clips - len(kept)
-    told = f"horizon {horizon!r}: {short} of {counted(library.num_clips, 'motion')} {'is' if short == 1 else 'are'} "
+    are = "is" if short == 1 else "are"
+    told = f"horizon {horizon!r}: {short} of {counted(library.num_clips, 'motion')} {are} "
     told += f"shorter than {shortest * library.dt:g} s, its shortest command"
     if not kept:
         raise PlatError(f"{told}: give longer ones or a shorter horizon (--horizon)")
-    print(f"{told}, and {'is' if short == 1 else 'are'} left out")
+    print(f"{told}, and {are} left out")
     return kept
 
 

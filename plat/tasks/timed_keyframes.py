@@ -464,7 +464,7 @@ class TimedKeyframes(Task):
         self.chain_starts.forget()
         authored = memory["authored"]
         self.starts.record(memory["frame"][~authored])
-        self.chain_starts.record(self._chain[memory["goal"][authored] - self._frames])
+        self.chain_starts.record(self._chain_of(memory["goal"][authored]))
 
     def _memory(self, count: int, **rows: Tensor) -> TensorDict:
         device = self._chain.device

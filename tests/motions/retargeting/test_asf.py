@@ -288,8 +288,8 @@ def test_it_becomes_a_motion_of_the_robot(tmp_path):
     ("file", "old", "new", "message"),
     [
         ("a.amc", "\nltibia ", "\nltail ", "AMC file .*line .*'ltail .*expected a bone of the skeleton"),
-        ("a.amc", "\nltibia 0", "\nltibia x", "AMC file .*line .*expected 1 number"),
-        ("a.amc", "\nltibia 0", "\nltibia 0 0", "AMC file .*line .*expected 1 number"),
+        ("a.amc", "\nltibia 0", "\nltibia x", "AMC file .*line .*expected 1 number$"),
+        ("a.amc", "\nltibia 0", "\nltibia 0 0", "AMC file .*line .*expected 1 number$"),
         ("a.amc", "\n1\n", "\n", "AMC file .*expected a frame's number"),
         ("a.asf", "length 7", "length x", "ASF file .*line .* is not understood"),
         ("a.asf", "length 7.44", "length inf ", "ASF file .*line .*'length inf .* is not understood"),
