@@ -2,6 +2,7 @@
 
 plat keyframes from-motion generated:val/bow@1 --every 0.7 --out bow.json
 plat keyframes show bow.json
+plat keyframes around crossed_arms.json --out led_around.json
 plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
@@ -9,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from plat.cli.options import ConvertKeyframes, FromMotion, KeyframesCommand, Show
+from plat.cli.options import Around, ConvertKeyframes, FromMotion, KeyframesCommand, Show
 from plat.cli.together import check_effect
-from plat.control import Feasibility
+from plat.control import Feasibility, lead_around
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
@@ -89,7 +90,21 @@ def show(command: Show) -> KeyframeSequence:
         before, step = keyframe, arrival
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:
-            print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}")
+            way = any(concern.measure == "way_penetration" for concern in concerns)
+            advice = f": plat keyframes around {command.file} puts one between" if way else ""
+            print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}{advice}")
+    return sequence
+
+
+def around(command: Around) -> KeyframeSequence:
+    """Write the file; return what is in it."""
+    check_file(command.out, suffixes=(".json",))
+    keep_sources([command.file], [command.out])
+    drawn = KeyframeSequence.load(command.file, get_robot(command.robot), timing=command.timing)
+    sequence = lead_around(drawn)
+    sequence.save(command.out)
+    added = counted(len(sequence) - len(drawn), "keyframe")
+    print(f"wrote {command.out}: {counted(len(sequence), 'keyframe')}, {added} on the way to others")
     return sequence
 
 
@@ -208,4 +223,6 @@ def main(command: KeyframesCommand) -> KeyframeSequence | list[Keyframe]:
     """Run a command; return the sequence."""
     if isinstance(command, ConvertKeyframes):
         return convert(command)
+    if isinstance(command, Around):
+        return around(command)
     return from_motion(command) if isinstance(command, FromMotion) else show(command)

@@ -430,6 +430,20 @@ class Show(Bounded):
 
 
 @dataclass(kw_only=True)
+class Around(Bounded):
+    """Put a keyframe wherever the straight way to the next leads through the robot."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """keyframe file"""
+    out: Path
+    """keyframe file to write"""
+    robot: str = "g1"
+    """name of the robot, or path of its JSON description"""
+    timing: Timing = Timing()
+    """of the policy that is to chase them"""
+
+
+@dataclass(kw_only=True)
 class ExportRecipe(Bounded):
     """Write the policy of a run as a bundle for robots and other simulators."""
 
@@ -494,4 +508,4 @@ class CurvesRecipe(Bounded):
 
 
 MotionsCommand: TypeAlias = Inspect | Convert | Mirror | Retarget | Map
-KeyframesCommand: TypeAlias = FromMotion | Show | Annotated[ConvertKeyframes, tyro.conf.subcommand("convert")]
+KeyframesCommand: TypeAlias = FromMotion | Show | Around | Annotated[ConvertKeyframes, tyro.conf.subcommand("convert")]

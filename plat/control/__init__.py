@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from plat.control.chase import Chase, ChaseStep, Controller
     from plat.control.chase_playback import record
     from plat.control.feasibility import Concern, Feasibility, FeasibilityLimits
+    from plat.control.lead_around import keyframe_around, lead_around
     from plat.control.policy import PolicyController
     from plat.control.pose_errors import PoseComparison, PoseErrors
     from plat.control.scores import (
@@ -72,6 +73,8 @@ __all__ = [
     "author",
     "distance_text",
     "error_text",
+    "keyframe_around",
+    "lead_around",
     "mean_errors",
     "record",
     "resting_poses",

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
-from plat.motions.checks.collision import self_penetration
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
 from plat.spec.parts import Parts
 
-__all__ = ["Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
+__all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
+
+WAY_PARTS = 12
+"""Equal parts of the straight way between two poses; links are looked at where two of them meet."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class FeasibilityLimits:
     """m; least distance of the center of mass inside the support polygon, for a pose that is held"""
     self_penetration: float = 0.02
     """m"""
+    way_penetration: float = 0.02
+    """m; links in each other on the straight way from the pose before, where neither pose has any"""
     floor_penetration: float = 0.03
     """m"""
     floating: float = 0.05
@@ -75,6 +79,10 @@ class Feasibility:
 
     Speeds are the least peak that a move from rest to rest can have: twice the mean, by constant acceleration and
     constant deceleration. The acceleration is that of the same move, ``4 d / T**2``.
+
+    Links are looked at in the keyframe, and on the way there on which all joints move evenly. Of a partial keyframe
+    these are the links between the root and the bodies that it commands, as they were drawn, and those that commanded
+    joints lead to. The others can move out of the way.
 
     Args:
         robot: the robot.
@@ -114,9 +122,8 @@ class Feasibility:
                 raise KeyframeError(f"{name}: joint_pos has shape {np.shape(pose.joint_pos)}, {expected}")
         if not after.time > before.time:
             raise KeyframeError(f"after: time is {after.time} s, expected later than {before.time} s")
-        if after.whole:
-            return (*self._move(before, after), *self._pose(after, held))
-        return (*self._move(before, after), *self._bodies(before, after))
+        others = self._pose(after, held) if after.whole else self._bodies(before, after)
+        return (*self._move(before, after), *self._links(before, after), *others)
 
     def sequence(self, keyframes: KeyframeSequence) -> tuple[tuple[Concern, ...], ...]:
         """Return the concerns about each keyframe of a sequence; the last one is held."""
@@ -190,13 +197,61 @@ class Feasibility:
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.xpos[[self._model.body(name).id for name in self._robot.keypoints]].copy()
 
+    def _links(self, before: Keyframe, after: Keyframe) -> list[Concern]:
+        """Concern about links that are in each other in a keyframe, or else on the straight way there."""
+        among, limits = self._placed_links(after.commands), self.limits
+        depth, one, other = self._deepest(after.joint_pos, among)
+        if depth > limits.self_penetration:
+            words = f"{one} and {other} are {100 * depth:.0f} cm inside each other"
+            return [Concern("self_penetration", f"{one}, {other}", depth, limits.self_penetration, words)]
+        if self._deepest(before.joint_pos, among)[0] > limits.self_penetration:
+            return []  # this was said of the keyframe before
+        shares = np.arange(1, WAY_PARTS) / WAY_PARTS
+        way = before.joint_pos + shares[:, None] * (after.joint_pos - before.joint_pos)
+        depth, one, other = max((self._deepest(joint_pos, among) for joint_pos in way), key=lambda found: found[0])
+        if depth <= limits.way_penetration:
+            return []
+        words = f"{one} and {other} would get {100 * depth:.0f} cm into each other on the straight way there"
+        return [Concern("way_penetration", f"{one}, {other}", depth, limits.way_penetration, words)]
+
+    def _placed_links(self, commands: Parts | None) -> NDArray[np.bool_]:
+        """Which links are where they were drawn, as the root is ``[bodies]``: as all of a whole keyframe.
+
+        Those between the root and a commanded body, and those that commanded joints alone lead to.
+        """
+        model = self._model
+        placed = np.ones(model.nbody, dtype=bool)
+        if commands is None:
+            return placed
+        free = {int(body) for body, joint in zip(model.jnt_bodyid[1:], commands.joints, strict=True) if not joint}
+        for body in range(2, model.nbody):
+            placed[body] = placed[model.body_parentid[body]] and body not in free
+        for name, commanded in zip(self._robot.keypoints, commands.bodies, strict=True):
+            body = model.body(name).id if commanded else 0
+            while body:
+                placed[body] = True
+                body = int(model.body_parentid[body])
+        return placed
+
+    def _deepest(self, joint_pos: NDArray[np.floating], among: NDArray[np.bool_]) -> tuple[float, str, str]:
+        """How deep two of some links are in each other at most (m), and their names; 0 where none touch."""
+        self._data.qpos[:] = self._robot.default_qpos
+        self._data.qpos[7:] = joint_pos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
+        bodies = self._model.geom_bodyid[self._data.contact.geom]
+        depths = np.where((bodies > 0).all(-1) & among[bodies].all(-1), -self._data.contact.dist, 0.0)
+        if depths.max(initial=0.0) <= 0:
+            return 0.0, "", ""
+        deepest = int(depths.argmax())
+        one, other = (self._model.body(body).name for body in bodies[deepest])
+        return float(depths[deepest]), one, other
+
     def _pose(self, pose: Keyframe, held: bool) -> list[Concern]:
         limits, concerns = self.limits, []
-        depth = self_penetration(self._model, pose.qpos, self._data)
-        if depth > limits.self_penetration:
-            one, other = self._deepest_links()
-            words = f"{one} and {other} are {100 * depth:.0f} cm inside each other"
-            concerns.append(Concern("self_penetration", f"{one}, {other}", depth, limits.self_penetration, words))
+        self._data.qpos[:] = pose.qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
         sunk = -self._floor_distance()
         if sunk > limits.floor_penetration:
             words = f"the robot is {100 * sunk:.0f} cm inside the floor"
@@ -215,13 +270,6 @@ class Feasibility:
             words = f"the center of mass is {-100 * margin:.0f} cm outside the feet: it would tip over"
             concerns.append(Concern("support_margin", "center of mass", margin, limits.support_margin, words))
         return concerns
-
-    def _deepest_links(self) -> tuple[str, str]:
-        """Names of the two links that are deepest in each other, in the pose of ``_data``."""
-        bodies = self._model.geom_bodyid[self._data.contact.geom]
-        among_links = np.where((bodies > 0).all(-1), self._data.contact.dist, np.inf)
-        one, other = (self._model.body(body).name for body in bodies[int(among_links.argmin())])
-        return one, other
 
     def _floor_distance(self) -> float:
         """Least distance of the robot's geoms from the floor (m), negative inside it; in the pose of ``_data``."""

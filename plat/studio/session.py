@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tensordict.nn import TensorDictModuleBase
 
-from plat.control import record
+from plat.control import keyframe_around, record
 from plat.errors import ActionError, KeyframeError
 from plat.files import expand_home
 from plat.keyframes import Keyframe, KeyframeSequence, standing
@@ -219,6 +219,17 @@ class Session:
             KeyframeError: for the start.
         """
         self.edit(self.timeline.commanding(toggled(self.timeline.pose, handle, self.robot)))
+
+    def lead_around(self) -> None:
+        """Put a keyframe on the way to the selected one, where the straight way leads through the robot itself.
+
+        Raises:
+            KeyframeError: for the start, where the way is clear, and where no way around is found.
+        """
+        middle = keyframe_around(*self.timeline.way, self.robot, self.timing)
+        if middle is None:
+            raise KeyframeError("the straight way to this keyframe is clear: there is nothing to lead around")
+        self.edit(self.timeline.parted(middle))
 
     def insert_template(self, name: str) -> None:
         """Add the keyframes of a template after the selected pose.

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from plat.control.feasibility import FeasibilityLimits
+from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
 from plat.envs.settings import ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
 from plat.files import check_folder
+from plat.keyframes.chain_families import INSIDE
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
 from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
@@ -25,6 +26,7 @@ from plat.studio.pins import PRESETS, pin_bodies, preset
 from plat.studio.playback import nobody
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
 from plat.studio.templates import TEMPLATES
+from plat.tasks.ways_around import FURTHER, MOVES
 
 __all__ = ["LIBRARIES", "site_facts", "write_static"]
 
@@ -141,6 +143,8 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
             **vars(reach.window),
             **vars(doubts),
         },
+        "way_parts": WAY_PARTS,
+        "around": {"moves": MOVES, "further": FURTHER, "inside": INSIDE},
         "templates": {name: [asdict(step) for step in steps] for name, steps in TEMPLATES.items()},
         "policies": list(policies),
         "nobody": nobody(policies),

@@ -9,6 +9,7 @@ import numpy as np
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence, Parts, RobotJoints, interpolate, split_long_intervals, standing
+from plat.keyframes.roots import as_arrived
 from plat.spec.timing import Timing
 
 __all__ = ["LONGEST_INTERVAL", "NEW_INTERVAL", "Timeline"]
@@ -217,6 +218,24 @@ class Timeline:
         if here + 1 < len(gaps):
             gaps[here + 1] -= step - before
         return self._spaced(frames, gaps, holds, here + 1)
+
+    @property
+    def way(self) -> tuple[Keyframe, Keyframe]:
+        """Return the pose that the robot leaves for the selected keyframe, with its time, and that keyframe.
+
+        Raises:
+            KeyframeError: for the start.
+        """
+        self._check_keyframe("gone to")
+        before, end = self.start, 0.0
+        for frame, hold in zip(self.keyframes[: self.selected - 1], self.holds, strict=False):
+            before, end = as_arrived(before, frame), frame.time + hold
+        return before.at(end), self.pose
+
+    def parted(self, middle: Keyframe) -> Timeline:
+        """Insert a keyframe on the way to the selected one, which stays selected; no keyframe moves."""
+        parted = self.inserted_at(middle.time)
+        return parted._with_pose(middle.at(parted.pose.time)).select(self.selected + 1)
 
     def removed(self) -> Timeline:
         """Remove the selected keyframe and select its successor.

@@ -11,13 +11,11 @@ from plat.motions.checks.collision import self_penetration
 from plat.robots.robot import Robot
 from plat.rotations import quat_nlerp
 
-__all__ = ["WaysAround"]
+__all__ = ["FURTHER", "MOVES", "WaysAround"]
 
 # Poses between two that are looked at: hands that move by a meter move by a link's thickness from one to the next.
 _LOOKED_AT = 12
-# How the hands of both sides are moved midway, x ahead, y to the left, z up: in this order, and further and further,
-# as far as these (rad) at the joint that moves most. All ways of one kind should be alike: they are to be learned.
-_MOVES = (
+MOVES = (
     ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)),
     ((0.0, 1.0, 0.0), (0.0, 0.0, 0.0)),
     ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
@@ -29,7 +27,13 @@ _MOVES = (
     ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
     ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
 )
-_FURTHER = (0.2, 0.4, 0.6, 0.9, 1.2, 1.5)
+"""How the hands of both sides are moved midway, x ahead, y to the left, z up, in the order in which it is tried.
+
+All ways of one kind should be alike: they are to be learned.
+"""
+
+FURTHER = (0.2, 0.4, 0.6, 0.9, 1.2, 1.5)
+"""How far they are moved, further and further: the angle (rad) at the joint that moves most."""
 
 
 class WaysAround:
@@ -40,6 +44,7 @@ class WaysAround:
 
     Args:
         robot: with two hands; of another one no way is found.
+        half_parts: equal parts of each half of a way around, at whose ends links are looked at.
 
     >>> from plat.robots import G1
     >>> def forearms(left, right):
@@ -55,7 +60,8 @@ class WaysAround:
     True
     """
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Robot, half_parts: int = _LOOKED_AT // 2):
+        self._half_parts = half_parts
         self._model, self._data = robot.shared_model, mujoco.MjData(robot.shared_model)
         self._hands = [self._model.body(hand).id for hand in hands_of(robot) if hand]
         legs = set(robot.leg_joints)
@@ -80,11 +86,11 @@ class WaysAround:
             return None
         middle = line[_LOOKED_AT // 2 - 1]
         directions = self._directions(middle)
-        for angle in _FURTHER:
+        for angle in FURTHER:
             for direction in directions:
                 passed = middle.clone()
                 passed[7:] = (passed[7:] + angle * direction).clamp(self._low, self._high)
-                halves = [_line(a, b, _LOOKED_AT // 2) for a, b in ((before, passed), (passed, after))]
+                halves = [_line(a, b, self._half_parts) for a, b in ((before, passed), (passed, after))]
                 if not self._inside(torch.cat((passed[None], *halves))):
                     return passed.float()
         return None
@@ -100,7 +106,7 @@ class WaysAround:
         for slope, hand in zip(slopes, self._hands, strict=True):
             mujoco.mj_jacBody(self._model, self._data, slope, None, hand)
         found = []
-        for move in np.array(_MOVES):
+        for move in np.array(MOVES):
             direction = np.einsum("hi,hij->j", move, slopes)[6:] * self._moved
             found.append(torch.from_numpy(direction / max(float(np.abs(direction).max()), 1e-6)))
         return found

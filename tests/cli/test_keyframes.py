@@ -13,6 +13,7 @@ from plat.keyframes.files import write_keyframes
 from plat.keyframes.mjcf import write_mjcf_keys
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
+from tests.crossed import ABOVE, BELOW
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "recipes" / "examples" / "bow.json"
@@ -78,6 +79,21 @@ def test_show_prints_a_row_a_keyframe(capsys):
     assert len(rows) == 2 + 5
     assert "bow" in rows[3]
     assert "left_hip_pitch" in rows[3]
+
+
+def test_arms_are_led_around(tmp_path, capsys):
+    file, out = tmp_path / "crossed.json", tmp_path / "led.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW))
+    led = keyframes.main(keyframes.Around(file=file, out=out))
+    assert capsys.readouterr().out == f"wrote {out}: 3 keyframes, 1 keyframe on the way to others\n"
+    assert [keyframe.time for keyframe in KeyframeSequence.load(out, G1).keyframes] == [1.0, 1.5, 2.0]
+    keyframes.main(keyframes.Show(file=file))
+    assert "on the straight way there: plat keyframes around" in capsys.readouterr().out
+    keyframes.main(keyframes.Show(file=out))
+    assert "may be out of reach" not in capsys.readouterr().out
+    assert len(led) == 3
+    with pytest.raises(OutputError, match="crossed.json"):
+        keyframes.main(keyframes.Around(file=file, out=file))
 
 
 def test_one_keyframe_is_called_one(tmp_path, capsys):

@@ -9,6 +9,7 @@ from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.robots import G1
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
+from tests.crossed import ABOVE, BELOW
 
 STAND = standing(G1)
 
@@ -102,6 +103,42 @@ def test_links_inside_each_other(feasibility: Feasibility) -> None:
     assert concern.measure == "self_penetration"
     assert "left_" in concern.subject
     assert re.match(r"\w+ and \w+ are \d+ cm inside each other$", concern.words)
+
+
+def test_forearms_that_would_go_through_each_other(feasibility: Feasibility) -> None:
+    assert feasibility(STAND, ABOVE) == feasibility(STAND, BELOW) == ()
+    (concern,) = feasibility(ABOVE, BELOW)
+    assert concern.measure == "way_penetration"
+    assert concern.limit < concern.value < 0.1
+    assert re.match(r"left_\w+ and right_\w+ would get \d cm into each other on the straight way there$", concern.words)
+    assert Feasibility(G1, FeasibilityLimits(way_penetration=0.1))(ABOVE, BELOW) == ()
+
+
+@pytest.mark.parametrize(
+    ("commands", "expected"),
+    [
+        (Parts.only(G1, bodies=["left_wrist_yaw_link", "right_wrist_yaw_link"]), ["way_penetration"]),
+        (Parts.only(G1, bodies=["left_wrist_yaw_link"]), []),
+        (Parts.only(G1, joints=[name for name in G1.joint_names if "leg" not in name]), ["way_penetration"]),
+        (Parts.only(G1, joints=[name for name in G1.joint_names if "left" in name]), []),
+        (Parts.only(G1, root=["height"]), []),
+    ],
+)
+def test_a_hand_that_is_free_moves_out_of_the_way(feasibility: Feasibility, commands, expected) -> None:
+    assert measures(feasibility(ABOVE, replace(BELOW, commands=commands))) == expected
+
+
+def test_a_way_out_of_a_pose_that_was_doubted_is_not_doubted_as_well(feasibility: Feasibility) -> None:
+    folded = posed(1.0, left_shoulder_roll=-1.2)
+    assert feasibility(folded, STAND.at(2.0)) == ()
+    assert measures(feasibility(STAND, folded)) == ["self_penetration"]
+
+
+def test_hands_in_the_body(feasibility: Feasibility) -> None:
+    folded = posed(left_shoulder_roll=-1.2)
+    for hand, expected in (("left", ["self_penetration"]), ("right", [])):
+        commands = Parts.only(G1, bodies=[f"{hand}_wrist_yaw_link"])
+        assert measures(feasibility(STAND, replace(folded, commands=commands))) == expected
 
 
 def test_of_a_partial_keyframe_only_what_it_commands_is_measured(feasibility: Feasibility) -> None:

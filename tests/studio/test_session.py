@@ -12,6 +12,7 @@ from plat.robots import G1
 from plat.spec.parts import Parts
 from plat.studio.timeline import NEW_INTERVAL
 from tests.control.puppets import Kicking
+from tests.crossed import ABOVE, BELOW
 from tests.studio.conftest import squat
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -163,6 +164,24 @@ def test_poses_are_mirrored_dropped_and_flattened(session):
     session.stand()
     np.testing.assert_allclose(session.timeline.pose.qpos[7:], G1.default_qpos[7:])
     np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.3, 0.1], atol=0.02)
+
+
+def test_arms_are_led_around_on_the_way_to_the_selected_keyframe(session):
+    for pose, interval in ((ABOVE, 1.0), (BELOW, 1.0)):
+        session.edit(session.timeline.inserted(pose, interval))
+    session.edit(session.timeline.select(1).held(0.5).select(2))
+    session.lead_around()
+    assert [frame.time for frame in session.timeline.keyframes] == [1.0, 2.0, 2.5]
+    assert session.timeline.selected == 3
+    np.testing.assert_array_equal(session.timeline.pose.qpos, BELOW.qpos)
+    assert not np.allclose(session.timeline.poses[2].qpos, (ABOVE.qpos + BELOW.qpos) / 2, atol=0.05)
+    with pytest.raises(KeyframeError, match="^the straight way to this keyframe is clear: there is nothing to lead"):
+        session.lead_around()
+    session.undo()
+    assert [frame.time for frame in session.timeline.keyframes] == [1.0, 2.5]
+    session.select(0)
+    with pytest.raises(KeyframeError, match="^the start pose cannot be gone to: select a keyframe"):
+        session.lead_around()
 
 
 def test_what_a_mirrored_keyframe_commands_changes_sides(session):

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from plat.errors import KeyframeError, StateError, StudioError
-from plat.keyframes import Keyframe, standing
+from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.splits import unit_doubt
 from plat.robots import G1
@@ -30,7 +30,7 @@ from plat.spec.timing import Timing
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 import plat.studio.static
-from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator
+from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator, lead_around
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
@@ -41,6 +41,7 @@ from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
 from tests.control.puppets import Kicking, Puppet
+from tests.crossed import ABOVE, BELOW
 from tests.studio.conftest import node_modules, squat
 
 # Largest difference from Python that docs/studio.md promises (m, rad), for a motion of some seconds.
@@ -786,25 +787,47 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
     poses["buried"][2] = -0.2
+    poses |= {"above": ABOVE.qpos, "below": BELOW.qpos}
     checker, said = Checker(G1), []
+    arms = Parts.only(G1, joints=[name for name in joints if "left" in name or "waist" in name])
     for name, qpos in poses.items():
-        for parts in (None, preset("hands", G1), Parts.only(G1, root=["height"])):
+        before = ABOVE.at(0.0) if name == "below" else stand
+        for parts in (None, preset("hands", G1), arms, Parts.only(G1, root=["height"])):
             frame = replace(Keyframe.from_qpos(0.5, qpos), commands=parts)
-            words = [concern.words for concern in feasibility(stand, frame, held=True)]
+            words = [concern.words for concern in feasibility(before, frame, held=True)]
             commands = parts and parts.names(G1)
             found = visitor.page.evaluate(
                 "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
                 ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true)",
-                [stand.qpos.tolist(), qpos.tolist(), commands],
+                [before.qpos.tolist(), qpos.tolist(), commands],
             )
             assert found["words"] == words, (name, commands)
-            own = checker.timeline(Timeline(G1, stand, (frame,)))[0]
+            own = checker.timeline(Timeline(G1, before, (frame,)))[0]
             assert found["joint"] == own.joint
             assert found["share"] == pytest.approx(own.share)
-            assert not (parts and own.share), "no joint is commanded"
+            assert parts is None or parts is arms or not own.share, "no joint is commanded"
             said += words
     assert len(said) >= 8
+    assert sum("straight way" in words for words in said) == 2
     assert "root is 20 cm inside the floor" in said
+
+
+@pytest.mark.slow
+def test_arms_are_led_around_as_in_python(visitor, tmp_path):
+    file = tmp_path / "crossed.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW))
+    led = lead_around(KeyframeSequence.load(file, G1))
+    visitor.begin("bow")
+    visitor.page.set_input_files("input[type=file]", file)
+    visitor.page.wait_for_function("window.platStudio.timeline.keyframes.length === 2")
+    visitor.page.evaluate("window.platStudio.select(2)")
+    button = visitor.page.get_by_role("button", name="Lead around", exact=True)
+    button.click()
+    visitor.until("studio.timeline.keyframes.length === 3 && studio.timeline.selected === 3")
+    button.click()
+    visitor.page.get_by_text("the straight way to this keyframe is clear: there is nothing to lead around").wait_for()
+    found = visitor.page.evaluate("window.platStudio.timeline.keyframes.map(({ time, qpos }) => [time, ...qpos])")
+    np.testing.assert_allclose(found, [[frame.time, *frame.qpos] for frame in led.keyframes], atol=1e-5)
 
 
 @pytest.mark.slow

@@ -73,6 +73,7 @@ class PosePanel:
                 for part in ("feet", "pelvis", "chest", "hands")
             }
         page.buttons("Put", {"On floor": session.drop, "Feet flat": session.flatten_feet, "Standing": session.stand})
+        page.buttons("Way", {"Lead around": session.lead_around})
         self.robot_hidden = gui.add_checkbox("Hide the robot", initial_value=False, hint="While posing. Key: H")
         self.onion = gui.add_checkbox(
             "Neighbors", initial_value=True, hint="The poses before (blue) and after (orange). Key: O"

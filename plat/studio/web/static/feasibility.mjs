@@ -3,6 +3,7 @@ import { mask } from "./keyframes.mjs";
 import { margin } from "./robot.mjs";
 import { angle } from "./rotations.mjs";
 
+export const WAY = "on the straight way there";
 const cm = (meters) => (100 * meters).toFixed(0);
 const tenths = (value) => value.toFixed(1).replace(/\.0$/, "");
 const apart = (a, b) => Math.hypot(...a.map((value, axis) => value - b[axis]));
@@ -16,6 +17,7 @@ export function verdict(robot, before, after, seconds, held) {
   const worst = speeds.indexOf(Math.max(...speeds)), words = [];
   for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${tenths(speeds[joint])} rad/s, expected at most ${tenths(limits.joint_speed)}`);
   words.push(...way(before.qpos, after.qpos, seconds, flags.slice(-3), limits));
+  words.push(...links(robot, before.qpos, after.qpos, parts));
   words.push(...(parts ? bodies(robot, before, after, seconds, flags) : pose(robot, after.qpos, held)));
   return { words, joint: speeds[worst] ? joints[worst] : "", speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
 }
@@ -27,6 +29,23 @@ function way(before, after, seconds, [horizontal, , orientation], limits) {
   if (push > limits.root_acceleration) words.push(`${takes} ${push.toFixed(0)} m/s^2, more than feet can push`);
   if (turn > limits.turn_speed) words.push(`the turn would need ${tenths(turn)} rad/s, expected at most ${tenths(limits.turn_speed)}`);
   return words;
+}
+
+/* Links in each other in a keyframe, or else on the way there on which all joints move evenly. */
+function links(robot, before, after, parts) {
+  const { limits, joints, way_parts: count } = robot.site, among = parts && robot.placedLinks(parts.slice(0, joints.length), parts.slice(joints.length, -3));
+  const pair = ({ names, depth }) => [names.join(" and "), `${cm(depth)} cm`];
+  const there = robot.deepest(after, among);
+  if (there.depth > limits.self_penetration) { const [both, deep] = pair(there); return [`${both} are ${deep} inside each other`]; }
+  if (robot.deepest(before, among).depth > limits.self_penetration) return [];
+  let worst = there;
+  for (let part = 1; part < count; part++) {
+    const found = robot.deepest(before.map((value, at) => value + (part / count) * (after[at] - value)), among);
+    if (found.depth > worst.depth) worst = found;
+  }
+  if (worst.depth <= limits.way_penetration) return [];
+  const [both, deep] = pair(worst);
+  return [`${both} would get ${deep} into each other ${WAY}`];
 }
 
 /* Of a partial keyframe: the bodies and the height that it commands. */
@@ -45,8 +64,7 @@ function bodies(robot, before, after, seconds, flags) {
 }
 
 function pose(robot, qpos, held) {
-  const { limits } = robot.site, { deepest, sunk } = robot.contacts(qpos), words = [];
-  if (deepest && deepest.depth > limits.self_penetration) words.push(`${deepest.names.join(" and ")} are ${cm(deepest.depth)} cm inside each other`);
+  const { limits } = robot.site, { sunk } = robot.contacts(qpos), words = [];
   if (sunk > limits.floor_penetration) words.push(`the robot is ${cm(sunk)} cm inside the floor`);
   if (!held) return words;
   const points = robot.solePoints(qpos).flat(), height = Math.min(...points.map((point) => point[2]));

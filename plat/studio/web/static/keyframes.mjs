@@ -354,6 +354,20 @@ export class Timeline {
     if (here + 1 < gaps.length) gaps[here + 1] -= gap;
     return this.spaced(frames, gaps, kept, here + 1);
   }
+  /* The pose that the robot leaves for the selected keyframe, and that keyframe. */
+  get way() {
+    this.must("gone to");
+    let before = this.start, end = 0;
+    this.keyframes.slice(0, this.selected - 1).forEach((frame, index) => { before = asArrived(before, frame, this.site); end = frame.time + this.holds[index]; });
+    return [{ ...before, time: end }, this.pose];
+  }
+  /* With a pose midway to the selected keyframe, which stays selected; no keyframe moves. */
+  parted(qpos) {
+    const [before, after] = this.way, first = this.steps(before.time), last = this.steps(after.time);
+    if (last - first < 2) throw new Error(`keyframe at ${general(after.time)} s${after.name ? ` ('${after.name}')` : ""}: a control step after the one before, expected 2 to put one between`);
+    const parted = this.insertedAt(Math.floor((first + last) / 2) * this.site.control_dt);
+    return parted.withPose({ ...parted.pose, qpos, commands: after.commands }).select(this.selected + 1);
+  }
   removed() {
     this.must("removed");
     const drop = (list) => list.filter((_, index) => index !== this.selected - 1);

@@ -246,16 +246,51 @@ export class Robot {
     this.place(qpos);
     this.mujoco.mj_collision(this.model, this.scratch);
     const found = this.scratch.contact, inside = new Set();
-    let deepest = null, sunk = 0;
+    let sunk = 0;
     for (let number = 0; number < found.size(); number++) {
       const contact = found.get(number), depth = -contact.dist, pair = [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]);
       contact.delete();
       if (!pair.every(Boolean)) { sunk = Math.max(sunk, depth); continue; }
       if (depth > this.site.limits.self_penetration) pair.forEach((body) => inside.add(body));
-      if (depth > 0 && (!deepest || depth > deepest.depth)) deepest = { depth, names: pair.map((body) => this.bodyNames[body]) };
     }
     found.delete();
-    return { inside, deepest, sunk };
+    return { inside, sunk };
+  }
+
+  /* How deep two links are in each other at most, and their names, in the joint angles of a pose; of some links alone if these are given. */
+  deepest(qpos, among) {
+    this.place([...this.site.default_qpos.slice(0, 7), ...qpos.slice(7)]);
+    this.mujoco.mj_collision(this.model, this.scratch);
+    const found = this.scratch.contact;
+    let depth = 0, names = [];
+    for (let number = 0; number < found.size(); number++) {
+      const contact = found.get(number), deep = -contact.dist, pair = [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]);
+      contact.delete();
+      if (deep > depth && pair.every((body) => body && (!among || among.has(body)))) [depth, names] = [deep, pair.map((body) => this.bodyNames[body])];
+    }
+    found.delete();
+    return { depth, names };
+  }
+
+  /* How the hands move along x, y and z by each joint but those of the legs, in the root's frame. */
+  handSlopes(qpos) {
+    const { limbs, handles, joints } = this.site, legs = new Set([...limbs["left foot"], ...limbs["right foot"]]);
+    this.place([0, 0, 0, 1, 0, 0, 0, ...qpos.slice(7)]);
+    this.mujoco.mj_comPos(this.model, this.scratch);
+    return ["left hand", "right hand"].map((hand) => {
+      const body = this.bodies[handles[hand].body], from = 3 * body;
+      this.mujoco.mj_jac(this.model, this.scratch, this.jacp, this.jacr, [...this.scratch.xpos.subarray(from, from + 3)], body);
+      const found = this.jacp.GetView();
+      return [0, 1, 2].map((axis) => joints.map((_, joint) => (legs.has(joint) ? 0 : found[axis * this.nv + 6 + joint])));
+    });
+  }
+
+  /* The links that are where they were drawn, as the root is: between it and flagged keypoints, and those that flagged joints alone lead to. */
+  placedLinks(joints, keypoints) {
+    const { jnt_bodyid: moved, body_parentid: parent } = this.model, free = new Set([...moved.slice(1)].filter((_, joint) => !joints[joint])), placed = new Set([1]);
+    for (let body = 2; body < parent.length; body++) if (placed.has(parent[body]) && !free.has(body)) placed.add(body);
+    for (let body of this.keypoints.filter((_, number) => keypoints[number])) for (; body; body = parent[body]) placed.add(body);
+    return placed;
   }
 
   /* Center of mass, support polygon, how far inside it (m; null in the air), and words. */

@@ -2,7 +2,8 @@
 import loadMujoco from "mujoco";
 import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
-import { verdict } from "./feasibility.mjs";
+import { between as poseAround } from "./around.mjs";
+import { WAY, verdict } from "./feasibility.mjs";
 import { LONGEST_INTERVAL, NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
@@ -138,6 +139,7 @@ class Studio {
       mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
       stand: () => edit(now().posed(this.robot.standing(now().pose.qpos))),
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
+      around: () => this.leadAround(),
       undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
       look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
       onion: () => { this.onion = !this.onion; }, axes: () => this.scene.toggleAxes(), pin: () => this.pin(this.handle),
@@ -154,6 +156,16 @@ class Studio {
     this.resting = setTimeout(() => { if (!this.grip && !this.turned && !this.pressed) this.gesture = null; }, PAUSE);
     this.future = [];
     this.replace(timeline);
+  }
+
+  /* A keyframe on the way to the selected one, where the straight way leads through the robot itself. */
+  leadAround() {
+    const [before, after] = this.timeline.way, seconds = after.time - before.time;
+    const blocked = verdict(this.robot, before, after, seconds, false).words.find((words) => words.endsWith(WAY));
+    if (!blocked) throw new Error("the straight way to this keyframe is clear: there is nothing to lead around");
+    const qpos = poseAround(this.robot, before.qpos, after.qpos);
+    if (!qpos) throw new Error(`keyframe at ${after.time} s${after.name ? ` ('${after.name}')` : ""}: no way around was found, and ${blocked}: change one of the poses`);
+    this.edit(this.timeline.parted(qpos));
   }
 
   press() { this.pressed = true; this.gesture = null; }
@@ -449,7 +461,7 @@ class Studio {
       element.append(...children);
       return element;
     };
-    const at = (this.at = {}), row = (label, ...inputs) => make(inputs.length > 1 ? "div" : "label", { className: "row" }, make("span", { textContent: label }), ...inputs);
+    const at = (this.at = {}), row = (label, ...inputs) => make(inputs.length > 1 || inputs[0].type === "button" ? "div" : "label", { className: "row" }, make("span", { textContent: label }), ...inputs);
     const select = (name, options, done) => (at[name] = make("select", { ariaLabel: name, onchange: () => this.guarded(() => { done(at[name].value); this.show(); }) }, ...options.map((text) => make("option", { textContent: text, value: text }))));
     const button = (text, done) => make("button", { type: "button", textContent: text, onclick: () => this.guarded(() => { const result = done(); this.show(); return result; }) });
     const check = (name, checked = false) => (at[name] = make("input", { type: "checkbox", ariaLabel: name, checked }));
@@ -478,6 +490,7 @@ class Studio {
       row("Hold", ...["feet", "pelvis", "chest", "hands"].map(ticked)),
       row("Pelvis (m)", ...place), row("turned (deg)", ...turn),
       row("Show", shows("neighbors", "O", (on) => { this.onion = on; }), shows("robot", "H", (on) => { this.hidden = !on; }), shows("world axes", "W", () => this.scene.toggleAxes())),
+      row("Way", button("Lead around", () => this.actions.around())),
       row("Put", button("On floor", () => this.actions.floor()), button("Feet flat", () => this.actions.flat()), button("Standing", () => this.actions.stand())),
       make("hr"), row("Follow it", Object.assign(check("follow", true), { onchange: () => this.show() })),
       button("Compare all policies", () => this.compare()), at.scores,
