@@ -21,6 +21,7 @@ from plat.envs.transforms import PAPER_HORIZONS
 from plat.errors import CheckpointError
 from plat.evaluation import HEADLINE, Score, play
 from plat.files import check_folder, clear_parts
+from plat.modules import LatentPolicyConfig
 from plat.motions import MotionLibrary
 from plat.recipes import distill, expert_model, refine_model
 from plat.recipes.options import DemoRecipe
@@ -64,6 +65,7 @@ def main(recipe: DemoRecipe) -> None:
         distill.DistillRecipe(
             motions=motions,
             expert=out / "expert",
+            policy=LatentPolicyConfig(symmetric=True),  # costs no training time, and is nearer
             out=out / "dagger",
             minutes=recipe.distill_minutes,
             save_every=SAVE_EVERY,

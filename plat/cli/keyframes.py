@@ -103,8 +103,9 @@ def around(command: Around) -> KeyframeSequence:
     drawn = KeyframeSequence.load(command.file, get_robot(command.robot), timing=command.timing)
     sequence = lead_around(drawn)
     sequence.save(command.out)
-    added = counted(len(sequence) - len(drawn), "keyframe")
-    print(f"wrote {command.out}: {counted(len(sequence), 'keyframe')}, {added} on the way to others")
+    added = len(sequence) - len(drawn)
+    told = f"{added} of them on the way to others" if added else "as they were: every straight way is clear"
+    print(f"wrote {command.out}: {counted(len(sequence), 'keyframe')}, {told}")
     return sequence
 
 

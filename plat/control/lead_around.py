@@ -1,5 +1,7 @@
 """Keyframes on the way to others, where the straight way there leads through the robot itself."""
 
+from dataclasses import replace
+
 import torch
 
 from plat.control.feasibility import WAY_PARTS, Feasibility
@@ -40,8 +42,7 @@ def keyframe_around(before: Keyframe, after: Keyframe, robot: Robot, timing: Tim
     if found is None:
         raise KeyframeError(f"{label}: no way around was found, and {blocked[0]}: change one of the poses")
     time = round((first + last) // 2 * timing.control_dt, 6)
-    middle = Keyframe.from_qpos(time, found.double().numpy())
-    return Keyframe(time, middle.root_pos, middle.root_quat, middle.joint_pos, commands=after.commands)
+    return replace(Keyframe.from_qpos(time, found.double().numpy()), commands=after.commands)
 
 
 def lead_around(sequence: KeyframeSequence) -> KeyframeSequence:

@@ -85,13 +85,15 @@ def test_arms_are_led_around(tmp_path, capsys):
     file, out = tmp_path / "crossed.json", tmp_path / "led.json"
     write_keyframes(file, G1, standing(G1), (ABOVE, BELOW))
     led = keyframes.main(keyframes.Around(file=file, out=out))
-    assert capsys.readouterr().out == f"wrote {out}: 3 keyframes, 1 keyframe on the way to others\n"
+    assert capsys.readouterr().out == f"wrote {out}: 3 keyframes, 1 of them on the way to others\n"
     assert [keyframe.time for keyframe in KeyframeSequence.load(out, G1).keyframes] == [1.0, 1.5, 2.0]
     keyframes.main(keyframes.Show(file=file))
     assert "on the straight way there: plat keyframes around" in capsys.readouterr().out
     keyframes.main(keyframes.Show(file=out))
     assert "may be out of reach" not in capsys.readouterr().out
     assert len(led) == 3
+    keyframes.main(keyframes.Around(file=out, out=tmp_path / "again.json"))
+    assert capsys.readouterr().out.endswith("again.json: 3 keyframes, as they were: every straight way is clear\n")
     with pytest.raises(OutputError, match="crossed.json"):
         keyframes.main(keyframes.Around(file=file, out=file))
 

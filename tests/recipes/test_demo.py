@@ -31,6 +31,7 @@ def test_a_killed_stage_loses_less_than_a_quarter(tmp_path, asked):
     assert [stage.out.name for stage in stages] == ["expert", "dagger", "plat"]
     assert all(stage.save_every <= 60 * stage.minutes / 4 for stage in stages)
     assert not any(stage.resume for stage in stages)
+    assert stages[1].policy.symmetric
 
 
 def test_a_killed_demo_goes_on(tmp_path, asked):
