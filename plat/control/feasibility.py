@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
+from plat.motions.checks.collision import link_contacts
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
 from plat.spec.parts import Parts
@@ -102,7 +103,7 @@ class Feasibility:
         self._robot = robot
         self.limits = limits or FeasibilityLimits()
         self._soles = Soles(robot)
-        self._model = robot.model()
+        self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
 
     def __call__(self, before: Keyframe, after: Keyframe, *, held: bool = False) -> tuple[Concern, ...]:
@@ -235,12 +236,9 @@ class Feasibility:
 
     def _deepest(self, joint_pos: NDArray[np.floating], among: NDArray[np.bool_]) -> tuple[float, str, str]:
         """How deep two of some links are in each other at most (m), and their names; 0 where none touch."""
-        self._data.qpos[:] = self._robot.default_qpos
-        self._data.qpos[7:] = joint_pos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_collision(self._model, self._data)
-        bodies = self._model.geom_bodyid[self._data.contact.geom]
-        depths = np.where((bodies > 0).all(-1) & among[bodies].all(-1), -self._data.contact.dist, 0.0)
+        qpos = np.concatenate((self._robot.default_qpos[:7], joint_pos))
+        bodies, depths = link_contacts(self._model, qpos, self._data)
+        depths = np.where(among[bodies].all(-1), depths, 0.0)
         if depths.max(initial=0.0) <= 0:
             return 0.0, "", ""
         deepest = int(depths.argmax())

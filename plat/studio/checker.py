@@ -9,7 +9,6 @@ import torch
 from plat.control import Feasibility
 from plat.control.feasibility import support_margin
 from plat.keyframes import Keyframe
-from plat.keyframes.roots import as_arrived
 from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
 from plat.studio.timeline import Timeline
@@ -94,14 +93,12 @@ class Checker:
     def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
         """Return the verdict on each keyframe; those that are held, and the last one, must be balanced."""
         known, verdicts = {}, []
-        before, end = timeline.start, 0.0
-        for number, (frame, hold) in enumerate(zip(timeline.keyframes, timeline.holds, strict=True), 1):
+        for number, ((before, frame), hold) in enumerate(zip(timeline.ways, timeline.holds, strict=True), 1):
             held = hold > 0 or number == len(timeline.keyframes)
-            key = before.qpos.tobytes(), frame, round(frame.time - end, 6), held
-            verdict = self._known.get(key) or self._verdict(before.at(end), frame, held)
+            key = before.qpos.tobytes(), frame, round(frame.time - before.time, 6), held
+            verdict = self._known.get(key) or self._verdict(before, frame, held)
             known[key] = verdict
             verdicts.append(verdict)
-            before, end = as_arrived(before, frame), frame.time + hold
         self._known = known
         return tuple(verdicts)
 

@@ -220,17 +220,23 @@ class Timeline:
         return self._spaced(frames, gaps, holds, here + 1)
 
     @property
+    def ways(self) -> tuple[tuple[Keyframe, Keyframe], ...]:
+        """Return, for each keyframe, the pose that the robot leaves for it, with its time, and the keyframe."""
+        ways, before, end = [], self.start, 0.0
+        for frame, hold in zip(self.keyframes, self.holds, strict=True):
+            ways.append((before.at(end), frame))
+            before, end = as_arrived(before, frame), frame.time + hold
+        return tuple(ways)
+
+    @property
     def way(self) -> tuple[Keyframe, Keyframe]:
-        """Return the pose that the robot leaves for the selected keyframe, with its time, and that keyframe.
+        """Return that of :attr:`ways` to the selected keyframe.
 
         Raises:
             KeyframeError: for the start.
         """
         self._check_keyframe("gone to")
-        before, end = self.start, 0.0
-        for frame, hold in zip(self.keyframes[: self.selected - 1], self.holds, strict=False):
-            before, end = as_arrived(before, frame), frame.time + hold
-        return before.at(end), self.pose
+        return self.ways[self.selected - 1]
 
     def parted(self, middle: Keyframe) -> Timeline:
         """Insert a keyframe on the way to the selected one, which stays selected; no keyframe moves."""

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-__all__ = ["self_penetration"]
+__all__ = ["link_contacts", "self_penetration"]
 
 
 def self_penetration(model: mujoco.MjModel, qpos: np.ndarray, data: mujoco.MjData) -> float:
@@ -20,8 +20,18 @@ def self_penetration(model: mujoco.MjModel, qpos: np.ndarray, data: mujoco.MjDat
     >>> self_penetration(G1.shared_model, folded, mujoco.MjData(G1.shared_model)) > 0.01
     True
     """
+    return float(link_contacts(model, qpos, data)[1].max(initial=0.0))
+
+
+def link_contacts(model: mujoco.MjModel, qpos: np.ndarray, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs of links that touch in a pose ``[n, 2]``, bodies of the model, and how deep ``[n]`` (m).
+
+    Args:
+        model, qpos, data: as of :func:`self_penetration`.
+    """
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
     bodies = model.geom_bodyid[data.contact.geom]  # (contacts, 2)
-    return float((-data.contact.dist[(bodies > 0).all(-1)]).max(initial=0.0))
+    links = (bodies > 0).all(-1)
+    return bodies[links], -data.contact.dist[links]

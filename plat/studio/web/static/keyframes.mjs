@@ -354,13 +354,18 @@ export class Timeline {
     if (here + 1 < gaps.length) gaps[here + 1] -= gap;
     return this.spaced(frames, gaps, kept, here + 1);
   }
-  /* The pose that the robot leaves for the selected keyframe, and that keyframe. */
-  get way() {
-    this.must("gone to");
+  /* For each keyframe, the pose that the robot leaves for it, with its time, and the keyframe. */
+  get ways() {
     let before = this.start, end = 0;
-    this.keyframes.slice(0, this.selected - 1).forEach((frame, index) => { before = asArrived(before, frame, this.site); end = frame.time + this.holds[index]; });
-    return [{ ...before, time: end }, this.pose];
+    return this.keyframes.map((frame, index) => {
+      const way = [{ ...before, time: end }, frame];
+      before = asArrived(before, frame, this.site);
+      end = frame.time + this.holds[index];
+      return way;
+    });
   }
+  /* That of them to the selected keyframe. */
+  get way() { this.must("gone to"); return this.ways[this.selected - 1]; }
   /* With a pose midway to the selected keyframe, which stays selected; no keyframe moves. */
   parted(qpos) {
     const [before, after] = this.way, first = this.steps(before.time), last = this.steps(after.time);

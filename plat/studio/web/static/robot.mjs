@@ -241,34 +241,37 @@ export class Robot {
     return [...this.scratch.subtree_com.subarray(3, 6)];
   }
 
-  /* Links that are inside each other, the two that are deepest, and how deep the robot is in the floor (m). */
+  /* Links that are inside each other, and how deep the robot is in the floor (m). */
   contacts(qpos) {
+    const inside = new Set();
+    let sunk = 0;
+    for (const { depth, pair } of this.touching(qpos)) {
+      if (!pair.every(Boolean)) sunk = Math.max(sunk, depth);
+      else if (depth > this.site.limits.self_penetration) pair.forEach((body) => inside.add(body));
+    }
+    return { inside, sunk };
+  }
+
+  /* Pairs of bodies that touch in a pose, the world's among them, and how deep they are in each other (m). */
+  touching(qpos) {
     this.place(qpos);
     this.mujoco.mj_collision(this.model, this.scratch);
-    const found = this.scratch.contact, inside = new Set();
-    let sunk = 0;
+    const found = this.scratch.contact, touching = [];
     for (let number = 0; number < found.size(); number++) {
-      const contact = found.get(number), depth = -contact.dist, pair = [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]);
+      const contact = found.get(number);
+      touching.push({ depth: -contact.dist, pair: [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]) });
       contact.delete();
-      if (!pair.every(Boolean)) { sunk = Math.max(sunk, depth); continue; }
-      if (depth > this.site.limits.self_penetration) pair.forEach((body) => inside.add(body));
     }
     found.delete();
-    return { inside, sunk };
+    return touching;
   }
 
   /* How deep two links are in each other at most, and their names, in the joint angles of a pose; of some links alone if these are given. */
   deepest(qpos, among) {
-    this.place([...this.site.default_qpos.slice(0, 7), ...qpos.slice(7)]);
-    this.mujoco.mj_collision(this.model, this.scratch);
-    const found = this.scratch.contact;
     let depth = 0, names = [];
-    for (let number = 0; number < found.size(); number++) {
-      const contact = found.get(number), deep = -contact.dist, pair = [contact.geom1, contact.geom2].map((geom) => this.model.geom_bodyid[geom]);
-      contact.delete();
+    for (const { depth: deep, pair } of this.touching([...this.site.default_qpos.slice(0, 7), ...qpos.slice(7)])) {
       if (deep > depth && pair.every((body) => body && (!among || among.has(body)))) [depth, names] = [deep, pair.map((body) => this.bodyNames[body])];
     }
-    found.delete();
     return { depth, names };
   }
 

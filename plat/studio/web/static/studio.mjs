@@ -4,7 +4,7 @@ import * as ort from "onnxruntime-web";
 import { Chase } from "./chase.mjs";
 import { between as poseAround } from "./around.mjs";
 import { WAY, verdict } from "./feasibility.mjs";
-import { LONGEST_INTERVAL, NEW_INTERVAL, ROOT, Timeline, asArrived, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
+import { LONGEST_INTERVAL, NEW_INTERVAL, ROOT, Timeline, checkPlace, decoded, mask, read, standing, unitDoubt, write } from "./keyframes.mjs";
 import { Policy } from "./policy.mjs";
 import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
@@ -337,15 +337,12 @@ class Studio {
 
   /* What is doubtful about each keyframe, and its fastest joint; those that are held, and the last one, must be balanced. */
   verdicts() {
-    const { keyframes, holds, start } = this.timeline, known = new Map();
-    let before = start, end = 0;
-    const result = keyframes.map((frame, index) => {
-      const seconds = Math.round((frame.time - end) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
+    const { keyframes, holds, ways } = this.timeline, known = new Map();
+    const result = ways.map(([before, frame], index) => {
+      const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
       const from = String(before.qpos), kept = this.known.get(frame), same = kept && kept.from === from && kept.seconds === seconds && kept.held === held;
       const one = same ? kept : { from, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
       known.set(frame, one);
-      before = asArrived(before, frame, this.site);
-      end = frame.time + holds[index];
       return one.verdict;
     });
     this.known = known;
