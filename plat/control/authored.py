@@ -4,6 +4,7 @@ Recorded motion is not what a person draws. Each family here is a chain of five 
 a hold. The same seed gives the same chains.
 """
 
+import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -96,7 +97,7 @@ def author(
     chains = []
     for _ in range(count):
         poses = draw.chain(kind)
-        times = _on_steps(np.cumsum(random.uniform(*kind.interval, len(poses))), kind, timing)
+        times = _times(random.uniform(*kind.interval, len(poses)), kind, timing)
         keyframes = [
             replace(Keyframe.from_qpos(time, pose, name=f"{family} {number}"), commands=commands)
             for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
@@ -105,21 +106,15 @@ def author(
     return chains
 
 
-def _on_steps(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> list[float]:
-    """Return times of keyframes (s).
+def _times(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> list[float]:
+    """Return the times of keyframes (s) that come ``drawn`` seconds after each other, on control steps.
 
-    Rounding may make an interval of a second a control step longer. A policy that knows a second would have it split,
-    and its chain would have another keyframe than those of other policies.
+    Rounding leads no interval out of the family's range. A policy that knows a second would have a longer one split.
     """
-    times: list[float] = []
-    before, longest = 0, timing.max_steps
-    for time in drawn:
-        rounded = round(float(time), 2)
-        if timing.steps(rounded) - before == longest + 1 and family.interval[1] <= timing.longest:
-            rounded = round((before + longest) * timing.control_dt, 6)
-        times.append(rounded)
-        before = timing.steps(rounded)
-    return times
+    shortest, longest = (bound / timing.control_dt for bound in family.interval)
+    fewest, most = math.ceil(shortest - 1e-6), math.floor(longest + 1e-6)
+    steps = np.rint(drawn / timing.control_dt).clip(fewest, max(fewest, most))
+    return [round(float(time), 6) for time in steps.cumsum() * timing.control_dt]
 
 
 def resting_poses(library: MotionLibrary) -> Pose:
@@ -191,14 +186,15 @@ class _Draw:
         """Return the poses of one chain."""
         if family.way is not None:
             return self._walk(family.way, family.turn, family.length)
+        bases = self._rests(family.length) if family.resting else [self._stand] * family.length
         if family.same:
-            return [self._pose(family)] * family.length
+            return [self._pose(family, bases[0])] * family.length
         if family.lowered is not None:
             self._solve_ahead(family, family.lowered)
-        return [self._pose(family) for _ in range(family.length)]
+        return [self._pose(family, base) for base in bases]
 
-    def _pose(self, family: ChainFamily) -> Pose:
-        pose = self._rest() if family.resting else self._stand.copy()
+    def _pose(self, family: ChainFamily, base: Pose) -> Pose:
+        pose = base.copy()
         if family.lowered is not None:
             pose = self._crouching(family.lowered, family.lean)
         if family.hands_ahead:
@@ -280,12 +276,13 @@ class _Draw:
             poses.append(self._turned(pose, heading))
         return poses
 
-    def _rest(self) -> Pose:
+    def _rests(self, count: int) -> Pose:
+        """Return different resting poses ``[count, 7 + J]``, again from the first where there are fewer."""
         assert self._resting is not None
-        pose = self._resting[self._random.integers(len(self._resting))].copy()
+        poses = self._resting[np.resize(self._random.permutation(len(self._resting)), count)]
         low, high = self._robot.joint_range.double().numpy().T
-        pose[7:] = pose[7:].clip(low, high)
-        return pose
+        poses[:, 7:] = poses[:, 7:].clip(low, high)
+        return poses
 
     @staticmethod
     def _turned(pose: Pose, angle: float) -> Pose:

@@ -84,7 +84,7 @@ class KeyframeTaskConfig(DistillationTaskConfig):
     regularization: Regularization = Regularization()
     """penalties"""
     dense_weight: NonNegative = 1.0
-    """factor on the dense reward, w_dense: of the whole pose, also of a partial keyframe"""
+    """factor on the dense reward, w_dense"""
     sparse_weight: NonNegative = 5.0
     """factor on the keyframe reward, w_sparse"""
     regularization_weight: NonNegative = 1.0

@@ -78,7 +78,7 @@ def draw_chains(
     ===========  ==================================================================================  =======
     hold         one resting pose of a motion                                                        5 s
     arms         legs and root as they stand, the other joints in the middle 60 % of their ranges    3 s
-    poses        resting poses of different motions, within 0.1 m and 0.2 rad                        3 s
+    poses        resting poses of the motions, within 0.1 m and 0.2 rad                              3 s
     steps        the standing pose 0.25 to 0.5 m further, turned by up to 0.4 rad                    3 s
     crouch       pelvis 0.05 to 0.3 m lower, leaning by up to 0.5 rad, feet in place                 3 s
     reach        legs and root as they stand, the hands in front; they alone are commanded           3 s

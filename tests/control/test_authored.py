@@ -1,8 +1,10 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
 
-from plat.control.authored import FAMILIES, _on_steps, author, resting_poses
+from plat.control.authored import FAMILIES, _times, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
@@ -14,14 +16,14 @@ from plat.spec.timing import Timing
 # Of each family's second chain of seed 0: time of the last keyframe, its root's pose, and its joint angles weighted by
 # 1 to 29. Scores of policies are comparable while these stay.
 DRAWN = {
-    "hold": (3.6, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 34.4620014429),
-    "arms": (3.54, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, -29.6875568491),
-    "poses": (3.93, 0.0688739469, -0.098423151, 0.76, 0.9998588926, 0.0, 0.0, 0.0167986569, 121.4620014429),
+    "hold": (3.56, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 121.4620014429),
+    "arms": (3.56, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, -29.6875568491),
+    "poses": (3.82, -0.0920204795, -0.0256609037, 0.76, 0.9976291272, 0.0, 0.0, 0.0688195078, 34.4620014429),
     "steps": (3.9, -0.2010528562, 0.5630144963, 0.76, 0.938001952, 0.0, 0.0, 0.3466299727, 34.4620014429),
-    "crouch": (3.5, -0.0457701847, -0.0, 0.6414026942, 0.9750984944, 0.0, 0.2217722396, 0.0, 33.4544432964),
-    "reach": (3.77, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 21.7487563239),
+    "crouch": (3.48, -0.0457701847, -0.0, 0.6414026942, 0.9750984944, 0.0, 0.2217722396, 0.0, 33.4544432964),
+    "reach": (3.78, 0.0, 0.0, 0.76, 1.0, 0.0, 0.0, 0.0, 21.7487563239),
     "three_point": (3.86, -0.0278565899, 0.0, 0.6379896656, 0.9994727424, 0.0, 0.0324690191, 0.0, 75.7212523001),
-    "waypoint": (3.85, -0.5906001032, -0.3892236072, 0.76, 0.9741779232, 0.0, 0.0, -0.2257816954, 34.4620014429),
+    "waypoint": (3.84, -0.5906001032, -0.3892236072, 0.76, 0.9741779232, 0.0, 0.0, -0.2257816954, 34.4620014429),
     "far": (4.24, 0.4715347524, -5.2571789285, 0.76, 0.6123566312, 0.0, 0.0, -0.7905816569, 34.4620014429),
     "far3s": (15.0, -1.5910490934, -0.2844283301, 0.76, 0.6899278647, 0.0, 0.0, 0.7238781261, 34.4620014429),
 }
@@ -39,12 +41,15 @@ def poses(family: str, resting: np.ndarray, count: int = 20) -> np.ndarray:
     return np.stack([[frame.qpos for frame in chain.sequence.keyframes] for chain in chains])
 
 
+@pytest.mark.parametrize("timing", [Timing(), Timing(max_steps=150), Timing(control_dt=0.04, max_steps=25)])
 @pytest.mark.parametrize("family", [name for name in FAMILIES if name != "far3s"])
-def test_a_chain_is_five_keyframes_half_a_second_to_one_apart(family: str, resting: np.ndarray) -> None:
-    for chain in author(family, G1, 5, seed=0, resting=resting):
+def test_a_chain_is_five_keyframes_half_a_second_to_one_apart(family: str, resting: np.ndarray, timing: Timing) -> None:
+    for chain in author(family, G1, 20, seed=0, resting=resting, timing=timing):
         times = np.diff([0.0, *(frame.time for frame in chain.sequence.keyframes)])
         assert len(times) == 5
-        assert ((times >= 0.49) & (times <= 1.01)).all()
+        assert ((times > 0.5 - 1e-9) & (times < 1 + 1e-9)).all()
+        commanded = np.diff([0, *chain.sequence.arrival_steps])
+        np.testing.assert_allclose(commanded * timing.control_dt, times, atol=1e-9)
         assert chain.hold == (10.0 if family == "hold" else 3.0)
         np.testing.assert_array_equal(chain.sequence.start.qpos, G1.default_qpos)
 
@@ -164,9 +169,23 @@ def test_errors_are_one_line() -> None:
         author("hold", G1, 1, 0)
 
 
-def test_rounding_does_not_make_an_interval_longer_than_a_policy_knows():
-    """0.592 s is in step 29 and a second later in step 80: 51 steps, of which a policy that knows 50 would make two."""
-    drawn, steps = np.array([0.592, 1.591, 2.4]), FAMILIES["steps"]
-    assert _on_steps(drawn, steps, Timing()) == [0.59, 1.58, 2.4]
-    assert _on_steps(drawn, steps, Timing(max_steps=150)) == [0.59, 1.59, 2.4]
-    assert _on_steps(np.array([3.0, 6.0]), FAMILIES["far3s"], Timing()) == [3.0, 6.0]
+def test_times_are_on_control_steps_and_intervals_in_their_range() -> None:
+    steps = FAMILIES["steps"]
+    assert _times(np.array([0.592, 0.999, 0.5, 0.503, 0.75]), steps, Timing()) == [0.6, 1.6, 2.1, 2.6, 3.36]
+    # of 30 ms 0.5 to 1 s have 17 to 33 steps, of 0.4 s two; 3 s are between two steps of 0.7 s
+    assert _times(np.array([0.5, 1.0, 0.9]), steps, Timing(control_dt=0.03)) == [0.51, 1.5, 2.4]
+    assert _times(np.array([0.5, 1.0]), steps, Timing(control_dt=0.4, max_steps=3)) == [0.8, 1.6]
+    assert _times(np.array([3.0, 3.0]), FAMILIES["far3s"], Timing()) == [3.0, 6.0]
+    assert _times(np.array([3.0, 3.0]), FAMILIES["far3s"], Timing(control_dt=0.7, max_steps=9)) == [3.5, 7.0]
+
+
+def test_poses_of_a_chain_are_of_different_clips() -> None:
+    resting = np.tile(G1.default_qpos, (6, 1))
+    resting[:, 7] = np.arange(6) / 10 - 1
+    for chain in author("poses", G1, 20, seed=0, resting=resting):
+        assert len({frame.joint_pos[0] for frame in chain.sequence.keyframes}) == 5
+    few = [author("poses", G1, 1, seed=0, resting=resting[:count])[0] for count in (1, 2)]
+    first = [[float(frame.joint_pos[0]) for frame in chain.sequence.keyframes] for chain in few]
+    assert first[0] == [-1.0] * 5
+    assert set(first[1]) == {-1.0, -0.9}
+    assert all(a != b for a, b in pairwise(first[1]))

@@ -6,7 +6,6 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.rewards import Reward, RewardFunction
 from plat.envs.transforms.settings import TrackingTerm
 from plat.envs.transforms.terminations import commanded_parts
@@ -17,8 +16,10 @@ __all__ = [
     "anchor_pos_error",
     "anchor_rot_error",
     "arriving",
+    "commanded_anchor_pos_error",
+    "commanded_ang_vel_error",
+    "commanded_difference",
     "commanded_joint_pos_error",
-    "commanded_keypoint_pos_error",
     "commanded_rot_error",
     "difference",
     "foot_slip",
@@ -35,39 +36,44 @@ _IN_WINDOW = ("command", "in_window")
 _SquaredError = Callable[[TensorDictBase, TensorDictBase], Tensor]
 
 
-def _kernel(squared_error: _SquaredError, scale: float) -> RewardFunction:
-    return lambda before, after: torch.exp(squared_error(after["state"], after["reference"]) / -(scale**2))
-
-
-def tracking(name: str, term: TrackingTerm, squared_error: _SquaredError) -> Reward:
-    """Return a term that is paid at every step."""
-    return Reward(name, term.weight, _kernel(squared_error, term.scale), needs=(("reference", "joint_pos"),))
-
-
 # The same over what is commanded, for masks [N, J + K + 3]: the squared error [N], and whether anything of it is.
 _PartialError = Callable[[TensorDictBase, TensorDictBase, Tensor], tuple[Tensor, Tensor]]
 
 
-def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError, partial_error: _PartialError) -> Reward:
-    """Return a term that is paid in the arrival window, for the commanded part alone.
+def tracking(name: str, term: TrackingTerm, squared_error: _SquaredError, partial_error: _PartialError) -> Reward:
+    """Return a term that is paid at every step, on the way to a partial keyframe for the commanded part alone.
 
     Args:
         name: of the term.
         term: weight and scale.
-        squared_error: of a whole keyframe.
-        partial_error: of a partial one; where nothing of it is commanded, nothing is paid.
+        squared_error: of the whole pose.
+        partial_error: of a part of it; where nothing of it is commanded, nothing is paid.
     """
-    kernel = _kernel(squared_error, term.scale)
+    return Reward(name, term.weight, _paid(term, squared_error, partial_error), needs=(("reference", "joint_pos"),))
+
+
+def arriving(name: str, term: TrackingTerm, squared_error: _SquaredError, partial_error: _PartialError) -> Reward:
+    """Return a term like those of :func:`tracking` that is paid in the arrival window; its name is longer."""
+    paid = _paid(term, squared_error, partial_error)
     needs: tuple[NestedKey, ...] = (("reference", "joint_pos"), _IN_WINDOW)
+    return Reward(f"keyframe_{name}", term.weight, lambda *step: paid(*step) * step[1][_IN_WINDOW][:, 0], needs)
 
+
+def _paid(term: TrackingTerm, squared_error: _SquaredError, partial_error: _PartialError) -> RewardFunction:
     def paid(before: TensorDictBase, after: TensorDictBase) -> Tensor:
-        in_window, parts = after[_IN_WINDOW][:, 0], commanded_parts(after)
+        state, reference, parts = after["state"], after["reference"], commanded_parts(after)
+        error = squared_error(state, reference)
         if parts is None:
-            return kernel(before, after) * in_window
-        error, commanded = partial_error(after["state"], after["reference"], parts)
-        return torch.exp(error / -(term.scale**2)) * (in_window & commanded)
+            return _kernel(error, term)
+        of_part, commanded = partial_error(state, reference, parts)
+        whole = (parts > 0).all(-1)
+        return _kernel(torch.where(whole, error, of_part), term) * (whole | commanded)
 
-    return Reward(f"keyframe_{name}", term.weight, paid, needs)
+    return paid
+
+
+def _kernel(squared_error: Tensor, term: TrackingTerm) -> Tensor:
+    return torch.exp(squared_error / -(term.scale**2))
 
 
 def difference(entry: str, reference_entry: str | None = None) -> _SquaredError:
@@ -89,15 +95,34 @@ def joint_pos_error(state: TensorDictBase, reference: TensorDictBase) -> Tensor:
 def commanded_joint_pos_error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
     """Return the mean squared error ``[N]`` (rad^2) of the commanded joints, and whether there are some."""
     errors = (state["joint_pos"] - reference["joint_pos"]).square()
-    return _mean_of(errors, commanded_joints_and_bodies(parts, errors.shape[-1])[0])
+    commanded = parts[:, : errors.shape[-1]]
+    count = commanded.sum(-1)
+    return (errors * commanded).sum(-1) / count.clamp_min(1.0), count > 0
 
 
-def commanded_keypoint_pos_error(
-    state: TensorDictBase, reference: TensorDictBase, parts: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return the mean squared distance ``[N]`` (m^2) of the commanded bodies, and whether there are some."""
-    errors = (state["keypoint_pos_w"] - reference["keypoint_pos_w"]).square().sum(-1)
-    return _mean_of(errors, commanded_joints_and_bodies(parts, state["joint_pos"].shape[-1])[1])
+def commanded_difference(entry: str, reference_entry: str | None = None) -> _PartialError:
+    """Return the mean squared distance of an entry ``[N, K, 3]`` over the commanded bodies, and whether there are some.
+
+    The root is one of them where its position is commanded, along the axes that are.
+    """
+
+    def error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
+        errors = (state[entry] - reference[reference_entry or entry]).square()
+        commanded = parts[:, state["joint_pos"].shape[-1] : -3, None].repeat(1, 1, 3)
+        commanded[:, 0] = torch.maximum(commanded[:, 0], parts[:, [-3, -3, -2]])
+        bodies = commanded.amax(-1).sum(-1)
+        return (errors * commanded).flatten(1).sum(-1) / bodies.clamp_min(1.0), bodies > 0
+
+    return error
+
+
+def commanded_anchor_pos_error(anchor: int) -> _PartialError:
+    """Return the squared distance ``[N]`` (m^2, world) of the anchor, and whether its position is commanded."""
+
+    def error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
+        return anchor_pos_error(state, reference, anchor), parts[:, state["joint_pos"].shape[-1] + anchor] > 0
+
+    return error
 
 
 def commanded_rot_error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
@@ -105,9 +130,10 @@ def commanded_rot_error(state: TensorDictBase, reference: TensorDictBase, parts:
     return anchor_rot_error(state, reference, anchor=0), parts[:, -1] > 0
 
 
-def _mean_of(errors: Tensor, commanded: Tensor) -> tuple[Tensor, Tensor]:
-    count = commanded.sum(-1)
-    return (errors * commanded).sum(-1) / count.clamp_min(1.0), count > 0
+def commanded_ang_vel_error(state: TensorDictBase, reference: TensorDictBase, parts: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the squared error ``[N]`` ((rad/s)^2) of the root's turning, and whether its orientation is commanded."""
+    error = state["keypoint_ang_vel_w"][:, 0] - reference["keypoint_ang_vel_w"][:, 0]
+    return error.square().sum(-1), parts[:, -1] > 0
 
 
 def anchor_pos_error(state: TensorDictBase, reference: TensorDictBase, anchor: int) -> Tensor:

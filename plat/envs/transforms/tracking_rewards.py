@@ -10,6 +10,8 @@ from plat.bounds import Bounded, Fraction, Range
 from plat.envs.transforms.settings import TrackingTerm
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tensordict import TensorDictBase
     from torch import Tensor
 
@@ -25,6 +27,9 @@ Penalty: TypeAlias = Annotated[float, Range(high=0)]
 @dataclass(frozen=True)
 class DenseRewards(Bounded):
     """Rewards of frame-by-frame tracking.
+
+    On the way to a partial keyframe they are for what it commands: joints, positions of bodies, and the orientation of
+    the root in place of that of the anchor and of all bodies.
 
     Source: BeyondMimic, arXiv 2508.08241, with twice its ``anchor_pos`` and a term on the joints.
     """
@@ -48,16 +53,28 @@ class DenseRewards(Bounded):
         """Return the terms, see :class:`plat.envs.transforms.Reward`; they need :class:`ReferenceMotion`."""
         from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
 
-        anchor = robot.anchor_index
-        aligned = terms.difference("keypoint_pos_w", "keypoint_pos_aligned_w")
+        anchor, aligned = robot.anchor_index, ("keypoint_pos_w", "keypoint_pos_aligned_w")
+        anchor_pos, anchor_rot = partial(terms.anchor_pos_error, anchor=anchor), _turned(robot)
         return (
-            terms.tracking("anchor_pos", self.anchor_pos, partial(terms.anchor_pos_error, anchor=anchor)),
-            terms.tracking("anchor_rot", self.anchor_rot, partial(terms.anchor_rot_error, anchor=anchor)),
-            terms.tracking("keypoint_pos", self.keypoint_pos, aligned),
-            terms.tracking("keypoint_rot", self.keypoint_rot, terms.keypoint_rot_error),
-            terms.tracking("keypoint_lin_vel", self.keypoint_lin_vel, terms.difference("keypoint_lin_vel_w")),
-            terms.tracking("keypoint_ang_vel", self.keypoint_ang_vel, terms.difference("keypoint_ang_vel_w")),
-            terms.tracking("joint_pos", self.joint_pos, terms.joint_pos_error),
+            terms.tracking("anchor_pos", self.anchor_pos, anchor_pos, terms.commanded_anchor_pos_error(anchor)),
+            terms.tracking("anchor_rot", self.anchor_rot, anchor_rot, terms.commanded_rot_error),
+            terms.tracking(
+                "keypoint_pos", self.keypoint_pos, terms.difference(*aligned), terms.commanded_difference(*aligned)
+            ),
+            terms.tracking("keypoint_rot", self.keypoint_rot, terms.keypoint_rot_error, terms.commanded_rot_error),
+            terms.tracking(
+                "keypoint_lin_vel",
+                self.keypoint_lin_vel,
+                terms.difference("keypoint_lin_vel_w"),
+                terms.commanded_difference("keypoint_lin_vel_w"),
+            ),
+            terms.tracking(
+                "keypoint_ang_vel",
+                self.keypoint_ang_vel,
+                terms.difference("keypoint_ang_vel_w"),
+                terms.commanded_ang_vel_error,
+            ),
+            terms.tracking("joint_pos", self.joint_pos, terms.joint_pos_error, terms.commanded_joint_pos_error),
         )
 
 
@@ -65,7 +82,7 @@ class DenseRewards(Bounded):
 class KeyframeRewards(Bounded):
     """Rewards of reaching a commanded keyframe, paid at each step of its arrival window.
 
-    Of a partial keyframe they are for what is commanded: joints, bodies, and the root's orientation.
+    Of a partial keyframe they are for what it commands, as :class:`DenseRewards` are.
     """
 
     joint_pos: TrackingTerm = TrackingTerm(1.0, 0.2)
@@ -82,15 +99,18 @@ class KeyframeRewards(Bounded):
         """
         from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
 
-        turned, keypoints = (
-            partial(terms.anchor_rot_error, anchor=robot.anchor_index),
-            terms.difference("keypoint_pos_w"),
-        )
+        keypoints, commanded = terms.difference("keypoint_pos_w"), terms.commanded_difference("keypoint_pos_w")
         return (
             terms.arriving("joint_pos", self.joint_pos, terms.joint_pos_error, terms.commanded_joint_pos_error),
-            terms.arriving("keypoint_pos", self.keypoint_pos, keypoints, terms.commanded_keypoint_pos_error),
-            terms.arriving("anchor_rot", self.anchor_rot, turned, terms.commanded_rot_error),
+            terms.arriving("keypoint_pos", self.keypoint_pos, keypoints, commanded),
+            terms.arriving("anchor_rot", self.anchor_rot, _turned(robot), terms.commanded_rot_error),
         )
+
+
+def _turned(robot: Robot) -> Callable[[TensorDictBase, TensorDictBase], Tensor]:
+    from plat.envs.transforms import reward_terms as terms
+
+    return partial(terms.anchor_rot_error, anchor=robot.anchor_index)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from tensordict import TensorDict
 
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
 from plat.envs.transforms import KeyframeMetrics
-from plat.envs.transforms.reward_terms import commanded_joint_pos_error, commanded_keypoint_pos_error
+from plat.envs.transforms.reward_terms import commanded_difference, commanded_joint_pos_error
 from plat.envs.transforms.settings import TerminationLimits
 from plat.envs.transforms.terminations import fallen, off_pose
 from plat.robots import G1
@@ -61,9 +61,16 @@ def test_errors_are_over_what_is_commanded():
     error, there = commanded_joint_pos_error(state, reference, flags(joints=["left_knee", "left_elbow"]))
     assert there.all()
     torch.testing.assert_close(error, torch.tensor([0.4**2 / 2]))
-    error, there = commanded_keypoint_pos_error(state, reference, flags(bodies=["right_wrist_yaw_link"]))
+    bodies = commanded_difference("keypoint_pos_w")
+    error, there = bodies(state, reference, flags(bodies=["right_wrist_yaw_link"]))
     torch.testing.assert_close(error, torch.tensor([0.09]))
-    assert not commanded_keypoint_pos_error(state, reference, flags(root=["height"]))[1].any()
+    assert not bodies(state, reference, flags(joints=["left_knee"]))[1].any()
+    # of the root the axes that are commanded
+    state["keypoint_pos_w"][:, 0] += torch.tensor([0.3, 0.4, 0.5])
+    for root, squared in ((["horizontal"], 0.25), (["height"], 0.25), (["horizontal", "height"], 0.5)):
+        error, there = bodies(state, reference, flags(root=root))
+        torch.testing.assert_close(error, torch.tensor([squared]))
+        assert there.all()
 
 
 def test_commands_of_an_environment_are_partial_for_their_whole_time(library):

@@ -14,8 +14,10 @@ from plat.envs.transforms import (
     Rewards,
     TrackingTerm,
 )
+from plat.keyframes.partial import hands_of
 from plat.robots import G1
 from plat.rotations import quat_angle, quat_from_rotvec
+from plat.spec.parts import Parts
 
 DT = 0.02
 N, K = 3, 14
@@ -262,3 +264,45 @@ def test_the_rewards_of_stage_one_are_those_of_stage_three_without_keyframes():
     expected = expected_reward(KeyframeTaskConfig(dense=dense, sparse_weight=0), action_and_state, after)
     paid = Rewards(TrackingTaskConfig(dense=dense).rewards(G1), DT)._step(action_and_state, after)["reward"][:, 0]
     assert torch.equal(paid, expected)
+
+
+def paid(after, parts=None):
+    """All rewards of a step but the penalties, of commands with masks."""
+    act, _ = noisy_step(1)
+    after = after.clone()
+    if parts is not None:
+        after["command", "parts"] = torch.tensor(parts, dtype=torch.float32).expand(len(after), -1)
+    config = replace(REFINE, regularization_weight=0.0)
+    return Rewards(config.rewards(G1), DT)._step(act.expand(len(after)), after)["reward"][:, 0]
+
+
+def test_whole_keyframes_among_partial_ones_are_paid_as_ever():
+    _, after = noisy_step()
+    assert paid(after).equal(paid(after, Parts.all(G1).values()))
+
+
+@pytest.mark.parametrize(
+    ("commanded", "told"),
+    [
+        ({"bodies": hands_of(G1)}, ["keypoint_pos_w", "keypoint_pos_aligned_w", "keypoint_lin_vel_w"]),
+        ({"joints": ("left_knee",)}, ["joint_pos"]),
+        ({"root": ("horizontal",)}, ["keypoint_pos_w", "keypoint_pos_aligned_w", "keypoint_lin_vel_w"]),
+        ({"root": ("orientation",)}, ["keypoint_quat_w", "keypoint_ang_vel_w"]),
+    ],
+    ids=["hands", "knee", "waypoint", "turned"],
+)
+def test_of_partial_keyframes_the_commanded_part_alone_is_paid(commanded, told):
+    _, after = noisy_step()
+    parts = Parts.only(G1, **commanded)
+    before = paid(after, parts.values())
+    bodies, joints = torch.tensor(parts.bodies), torch.tensor(parts.joints)
+    bodies[0] |= any(parts.root)
+    moved = noisy_step()[1]["reference"]
+    for entry in list(after["reference"].keys()):
+        mask = joints if entry == "joint_pos" else bodies[:, None]
+        kept, drawn = after["reference", entry], moved[entry]
+        other = after.clone()
+        other["reference", entry] = torch.where(mask, kept, drawn)
+        assert paid(other, parts.values()).equal(before), f"what is not commanded of {entry} is paid"
+        other["reference", entry] = torch.where(mask, drawn, kept)
+        assert (entry in told) == (not paid(other, parts.values()).equal(before)), entry
