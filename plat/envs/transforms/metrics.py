@@ -54,8 +54,9 @@ class KeyframeMetrics(Transform):
     ``keypoint_error``: mean Euclidean error of the keypoints in the world (m); ``keypoint_error_root``: the same with
     both in the frame of their own root (m); ``action_change``: mean absolute change of the action since the previous
     step, from 0 in an episode's first; ``joint_jerk``: mean absolute jerk of the joints (rad/s^3, 0 in an episode's
-    first two steps, which do not count in its mean); ``foot_slip``: mean horizontal speed of the feet that bear load
-    (m/s); ``fallen``: 1 where the root is at the wrong height or tilt. Needs :class:`ReferenceMotion` before it.
+    first two steps, which do not count in its mean); ``foot_slip``: mean horizontal speed (m/s) of the feet that bear
+    load at the beginning of the last physics step, as MuJoCo says it after a step; ``fallen``: 1 where the root is at
+    the wrong height or tilt. Needs :class:`ReferenceMotion` before it.
 
     Of a partial keyframe, means are over the commanded joints and bodies, and NaN where there are none. A root whose
     horizontal position and height are commanded counts as a body, but for ``keypoint_error_root`` only beside others:
