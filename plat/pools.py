@@ -1,12 +1,16 @@
-"""Pools of processes that say in one line that one of them is gone."""
+"""Processes that belong together: one line where one of them is gone, and none that outlives the first."""
 
+import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 from plat.errors import WorkerError
 
-__all__ = ["told_if_killed"]
+__all__ = ["begin_helper", "told_if_killed"]
 
 
 @contextmanager
@@ -29,3 +33,15 @@ def told_if_killed(kept: str = "") -> Iterator[None]:
     except BrokenProcessPool:
         told = "a worker process was killed, perhaps for want of memory: try fewer --workers"
         raise WorkerError(f"{told}; {kept}" if kept else told) from None
+
+
+def begin_helper() -> None:
+    """Let this process, which another one started, end with that one however it ends, and leave Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)

@@ -1,6 +1,7 @@
 """The loop that the recipes of imagination share: simulate, learn the robot, imagine, learn the policy."""
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, collect, rollouts
-from plat.envs.physics import get_physics
+from plat.envs.physics import available_cpus, get_physics
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels
 from plat.envs.transforms.settings import robot_ranges
@@ -34,6 +35,10 @@ from plat.tasks.disturbed import measuring
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
+WORTH_MINUTES, WORTH_STEPS = 1.0, 50_000
+"""Training for which processes are started that share batches: each takes seconds to start."""
+MOST_PROCESSES, LEAST_PART = 4, 64
+"""Such processes, at most, and states that each has of a batch, at least."""
 REPORT_ROBOTS, REPORT_ROLLOUTS = 64, 8
 """Robots that the report is of, and how often each makes so many steps."""
 
@@ -92,7 +97,15 @@ def learn(
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
     task = make_task(library)
     learner = ImaginationLearner(
-        policy, imagined, model, task, settings, effort=effort, loss=loss, reference_updates=reference_updates
+        policy,
+        imagined,
+        model,
+        task,
+        settings,
+        effort=effort,
+        loss=loss,
+        reference_updates=reference_updates,
+        processes=recipe.processes or usual_processes(recipe),
     )
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
@@ -118,6 +131,7 @@ def learn(
     )
     films = Films(recipe.out / "videos", library.robot, partial(show, learner.average), recipe.video_every)
     with (
+        closing(learner),
         source,
         Run.of(
             recipe,
@@ -159,6 +173,14 @@ def learn(
             env = SimulatedTask(make_task(unseen), REPORT_ROBOTS, device=device)
             report_model_error(recipe.out, model, env, actor)
         run.finish()
+
+
+def usual_processes(recipe: ImaginationRecipe) -> int:
+    """Return how many processes share a batch where nothing is said: one where it is short, or not on this CPU."""
+    short = (recipe.minutes or 0) < WORTH_MINUTES and (recipe.steps or 0) < WORTH_STEPS
+    if short or recipe.device != "cpu" or recipe.workers:
+        return 1
+    return max(1, min(available_cpus(), MOST_PROCESSES, recipe.imagination.policy_batch // LEAST_PART))
 
 
 def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionLibrary | None:

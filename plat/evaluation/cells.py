@@ -3,7 +3,6 @@
 import functools
 import hashlib
 import multiprocessing
-import os
 import re
 import signal
 import threading
@@ -24,7 +23,7 @@ from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
-from plat.pools import told_if_killed
+from plat.pools import begin_helper, told_if_killed
 from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
@@ -311,20 +310,12 @@ _process: dict[str, Any] = {}
 
 
 def _begin(motions: Path, modules: Sequence[str], robots: Sequence[Robot]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process tells
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    begin_helper()  # a pool's processes would wait for ever
     torch.set_num_threads(1)
     import_modules(modules)
     for robot in robots:  # of description files, which policies name
         register_robot(robot)
     _process["motions"] = torch.load(motions, weights_only=False, mmap=True)
-
-
-def _end_with_parent() -> None:
-    """Wait for the main process to end, however it does, and end this one: a pool's processes would wait for ever."""
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> None:

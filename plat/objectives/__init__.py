@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from plat.objectives.imagination_learner import ImaginationLearner, exploring
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
     from plat.objectives.motor_gradient import motor_gradient
+    from plat.objectives.parallel_gradients import ParallelGradients
     from plat.objectives.ppo import PPO
     from plat.objectives.reference import ReferenceLoss
     from plat.objectives.settings import ImaginationConfig, MotorGradientConfig, PPOConfig
@@ -33,6 +34,7 @@ __all__ = [
     "LatentImitationLoss",
     "MotorGradientConfig",
     "PPOConfig",
+    "ParallelGradients",
     "Precision",
     "ReferenceLoss",
     "autocast",

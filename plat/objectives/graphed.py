@@ -52,7 +52,8 @@ class GraphedLoss:
         capture: bool = True,
     ):
         self._loss = loss
-        self._parameters = [parameter for parameter in parameters if parameter.requires_grad]
+        self.parameters = [parameter for parameter in parameters if parameter.requires_grad]
+        """What learns."""
         self._device = device
         self._precision: Precision = precision
         self._capture = capture and device.type == "cuda"
@@ -78,7 +79,7 @@ class GraphedLoss:
                 self._batch.update_(batch)
                 self._graph.replay()
                 losses, gradients = self._losses.clone(), self._gradients
-        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
             parameter.grad = gradient
         return dict(losses.items())
 
@@ -86,9 +87,9 @@ class GraphedLoss:
         with autocast(self._device, self._precision):
             losses: TensorDictBase = self._loss(batch)
         total = torch.stack([value for name, value in losses.items() if name.startswith("loss_")]).sum()
-        if not self._parameters:  # all are frozen
+        if not self.parameters:  # all are frozen
             return losses.detach(), []
-        return losses.detach(), list(torch.autograd.grad(total, self._parameters, allow_unused=True))
+        return losses.detach(), list(torch.autograd.grad(total, self.parameters, allow_unused=True))
 
     def _record(self, batch: TensorDictBase) -> None:
         self._batch = batch.clone()

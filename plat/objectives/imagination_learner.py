@@ -21,6 +21,7 @@ from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.finite import FiniteUpdates
 from plat.objectives.graphed import GraphedLoss
 from plat.objectives.imagination import ImaginationLoss
+from plat.objectives.parallel_gradients import ParallelGradients
 from plat.objectives.reference import ReferenceLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.tasks.disturbed import shown, told_to_model
@@ -55,6 +56,8 @@ class ImaginationLearner:
         loss: the policy's loss, a subclass of it or a partial of one.
         reference_updates: updates in each iteration of the warm-up in which a new policy learns the task's reference
             (:class:`ReferenceLoss`). A trained one would forget what it knows.
+        processes: that share every update's batch, on a CPU (:class:`ParallelGradients`). With several, call
+            :meth:`close` at the end.
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
@@ -83,6 +86,7 @@ class ImaginationLearner:
         effort: NestedKey = "action",
         loss: Callable[..., ImaginationLoss] = ImaginationLoss,
         reference_updates: int = 0,
+        processes: int = 1,
     ):
         check_value("imagination: task", task, Task)
         check_value("imagination: config", config, ImaginationConfig | None)
@@ -123,14 +127,16 @@ class ImaginationLearner:
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
         self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []
         device, static = model.mean.device, task.static and self.policy_loss.static
-        self._model_gradient = GraphedLoss(self.model_loss, model.parameters(), device, config.precision)
-        self._policy_gradient = GraphedLoss(
-            self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
-        )
         self.reference_updates = reference_updates
-        self._reference_gradient = GraphedLoss(
-            ReferenceLoss(actor, task), learning, device, config.precision, capture=False
-        )
+        graphed = {
+            "model": GraphedLoss(self.model_loss, model.parameters(), device, config.precision),
+            "policy": GraphedLoss(
+                self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
+            ),
+            "reference": GraphedLoss(ReferenceLoss(actor, task), learning, device, config.precision, capture=False),
+        }
+        read = [policy, model, *([] if self.critic is None else [self.critic])]
+        self._gradients = ParallelGradients(graphed, read, processes)
         self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
         self.iterations = 0
         """Iterations so far."""
@@ -191,8 +197,12 @@ class ImaginationLearner:
         self.iterations += 1
         return log.means()
 
+    def close(self) -> None:
+        """End the processes that share batches."""
+        self._gradients.close()
+
     def _update_model(self, replay: Windows, log: "_Means") -> None:
-        losses = self._model_gradient.backward(replay.windows(self.config.model_batch, self.config.window + 1))
+        losses = self._gradients.backward("model", replay.windows(self.config.model_batch, self.config.window + 1))
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
         learns = self._finite["model"].allow(norm)
         for optimizer in self.model_optimizers:
@@ -204,7 +214,7 @@ class ImaginationLearner:
 
     def _update_policy(self, replay: Windows, log: "_Means") -> None:
         # the critic's loss is in the sum: it and the policy reach different weights
-        losses = self._policy_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
+        losses = self._gradients.backward("policy", replay.states(self.config.policy_batch, self.config.recent))
         for optimizer in self.critic_optimizers:
             if self._finite["critic"].allow(losses["loss_critic"]):
                 optimizer.step()
@@ -213,7 +223,7 @@ class ImaginationLearner:
         log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
 
     def _follow_reference(self, replay: Windows, log: "_Means") -> None:
-        losses = self._reference_gradient.backward(replay.states(self.config.policy_batch, self.config.recent))
+        losses = self._gradients.backward("reference", replay.states(self.config.policy_batch, self.config.recent))
         self._step_policy()
         log.add(losses)
 

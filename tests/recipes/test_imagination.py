@@ -104,6 +104,16 @@ def test_a_seed_fixes_the_result(tmp_path):
     assert not all(a[name].equal(c[name]) for name in a)
 
 
+def test_processes_share_batches_and_a_seed_fixes_the_result(tmp_path):
+    for name, processes in (("a", 2), ("b", 2), ("c", 1)):
+        words = [*RECIPES["imagine"], "--out", tmp_path / name, "--steps", 192, "--seed", 3, "--processes", processes]
+        main(["imagine", *map(str, words)])
+    a, b, c = (load_file(tmp_path / name / "model.safetensors") for name in "abc")
+    assert all(a[name].equal(b[name]) for name in a)
+    assert not all(a[name].equal(c[name]) for name in a)  # other draws
+    assert all(value.isfinite().all() for value in a.values())
+
+
 def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
     expert, policy = tmp_path / "expert", tmp_path / "policy"
     run("expert-model", *RECIPES["expert-model"], "--out", expert, "--steps", 300)

@@ -1,7 +1,14 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
 import torch
 from tensordict import TensorDict
 
-from plat.recipes.learning import failures_per_second
+from plat.objectives import ImaginationConfig
+from plat.recipes import learning
+from plat.recipes.learning import failures_per_second, usual_processes
+from plat.recipes.options import ImagineRecipe
 
 
 def rollout(failed, authored=None):
@@ -24,3 +31,24 @@ def test_a_kind_that_nobody_chases_has_no_failures_to_count():
 
 def test_a_task_without_authored_keyframes():
     assert failures_per_second(rollout([True, False]), dt=0.02) == {"failures_per_second": 25.0}
+
+
+@pytest.mark.parametrize(
+    ("cpus", "changed", "expected"),
+    [
+        (1, {}, 1),
+        (2, {}, 2),
+        (16, {}, 4),
+        (16, {"imagination": ImaginationConfig(policy_batch=128)}, 2),
+        (16, {"imagination": ImaginationConfig(policy_batch=16)}, 1),
+        (16, {"minutes": 0.5}, 1),
+        (16, {"minutes": None, "steps": 10**6}, 4),
+        (16, {"minutes": None, "steps": 1000}, 1),
+        (16, {"device": "cuda"}, 1),
+        (16, {"workers": 2}, 1),
+    ],
+)
+def test_processes_share_batches_where_that_pays(monkeypatch, cpus, changed, expected):
+    monkeypatch.setattr(learning, "available_cpus", lambda: cpus)
+    recipe = ImagineRecipe(motions=("generated:train@8",), out=Path("run"), minutes=20.0, steps=None, device="cpu")
+    assert usual_processes(replace(recipe, **changed)) == expected
