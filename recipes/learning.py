@@ -32,6 +32,7 @@ from plat.runs.announce import begins
 from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
+from plat.tasks.pose_table import MOST_COPIED
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
@@ -105,7 +106,7 @@ def learn(
         effort=effort,
         loss=loss,
         reference_updates=reference_updates,
-        processes=recipe.processes or usual_processes(recipe),
+        processes=recipe.processes or usual_processes(recipe, len(library)),
     )
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
@@ -175,10 +176,14 @@ def learn(
         run.finish()
 
 
-def usual_processes(recipe: ImaginationRecipe) -> int:
-    """Return how many processes share a batch where nothing is said: one where it is short, or not on this CPU."""
+def usual_processes(recipe: ImaginationRecipe, frames: int) -> int:
+    """Return how many processes share a batch where nothing is said.
+
+    There is one for short trainings, for libraries of so many frames that a file for the others would take long, and
+    where a GPU or workers compute.
+    """
     short = (recipe.minutes or 0) < WORTH_MINUTES and (recipe.steps or 0) < WORTH_STEPS
-    if short or recipe.device != "cpu" or recipe.workers:
+    if short or frames > MOST_COPIED or recipe.device != "cpu" or recipe.workers:
         return 1
     return max(1, min(available_cpus(), MOST_PROCESSES, recipe.imagination.policy_batch // LEAST_PART))
 

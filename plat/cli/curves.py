@@ -83,11 +83,12 @@ def main(recipe: CurvesRecipe) -> None:
     if not recipe.runs:
         raise PlatError("no runs: give run directories, as in plat curves runs/expert")
     check_file(recipe.out, suffixes=(".png", ".pdf", ".svg"))
-    shown = dict.fromkeys(recipe.metrics, recipe.runs) or shown_by_default(recipe.runs)
-    names = [run.name for run in recipe.runs]
+    runs = list({run.resolve(): run for run in recipe.runs}.values())  # each once, as in plat evaluate
+    shown = dict.fromkeys(recipe.metrics, runs) or shown_by_default(runs)
+    names = [run.name for run in runs]
     figure, panels = pyplot().subplots(1, len(shown), figsize=(4.5 * len(shown), 3.2), squeeze=False)
-    for panel, (metric, runs) in zip(panels[0], shown.items(), strict=True):
-        for run in runs:
+    for panel, (metric, having) in zip(panels[0], shown.items(), strict=True):
+        for run in having:
             minutes, values = read(run, metric)
             width = recipe.smooth
             smooth = [sum(values[max(0, i - width + 1) : i + 1]) / min(i + 1, width) for i in range(len(values))]

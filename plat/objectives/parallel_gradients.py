@@ -41,7 +41,8 @@ class ParallelGradients:
     What the losses hold besides, such as tables of a task, is written to a file that all processes map. It is what it
     was when they began: a task whose steps depend on what changes during training needs one process.
 
-    A process that ends, for want of memory perhaps, is not replaced: a line says so, and the others go on without it.
+    Where that file cannot be written, or would hold what no other process can have, there is one process. A process
+    that ends, for want of memory perhaps, is not replaced: the others go on without it. A line says so in both cases.
 
     Args:
         losses: by name.
@@ -71,11 +72,17 @@ class ParallelGradients:
         self._pool: ThreadPoolExecutor | None = None
         if processes == 1:
             return
-        self._threads = torch.get_num_threads()
         self._scratch = Scratch("plat-gradients-")
-        self._pool = ThreadPoolExecutor(processes - 1, thread_name_prefix="plat-gradients")
         path = self._scratch.path / _FILE
-        torch.save((self._losses, nn.ModuleList(modules)), path, pickle_module=cloudpickle)
+        try:
+            torch.save((self._losses, nn.ModuleList(modules)), path, pickle_module=cloudpickle)
+        except (OSError, RuntimeError, TypeError, AttributeError, pickle.PicklingError) as error:  # disk full, a lock
+            self._scratch.remove()
+            told = str(error).partition("\n")[0]
+            print(f"one process computes gradients: {path} could not be written for others ({told})", flush=True)
+            return
+        self._threads = torch.get_num_threads()
+        self._pool = ThreadPoolExecutor(processes - 1, thread_name_prefix="plat-gradients")
         self._helpers = [_Helper(path) for _ in range(processes - 1)]
         torch.set_num_threads(1)
 

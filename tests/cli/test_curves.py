@@ -34,9 +34,11 @@ def test_values_below_zero_are_seen_and_runs_of_one_name_told_apart(tmp_path, mo
         run = write_metrics(tmp_path / folder / "run")
         (run / "metrics.csv").write_text("step,seconds,gain,loss\n10,30,-2.0,2.0\n20,60,-1.0,1.0\n")
     runs = tuple(tmp_path / folder / "run" for folder in ("a", "b"))
-    curves.main(curves.CurvesRecipe(runs=runs, metrics=("gain", "loss"), out=tmp_path / "curves.png"))
+    again = tmp_path / "a" / "." / "run"
+    curves.main(curves.CurvesRecipe(runs=(*runs, again), metrics=("gain", "loss"), out=tmp_path / "curves.png"))
     gain, loss = drawn[0].axes
     assert gain.get_ylim()[0] < -2
+    assert len(gain.lines) == 2  # a run that is named twice is drawn once
     assert loss.get_ylim()[0] == 0
     assert [text.get_text() for text in gain.get_legend().get_texts()] == [str(run) for run in runs]
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 
 import pytest
@@ -130,6 +131,16 @@ def test_a_process_that_ends_is_done_without(capsys: pytest.CaptureFixture[str])
         assert capsys.readouterr().out.count("ended, with code -9; 1 process goes on without it") == 1
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == threads
+
+
+def test_what_cannot_be_sent_is_computed_here(capsys: pytest.CaptureFixture[str]) -> None:
+    module = Drawing()
+    module.lock = threading.Lock()
+    loss, threads = GraphedLoss(module, module.parameters(), CPU), torch.get_num_threads()
+    with ParallelGradients({"x": loss}, [module], processes=2) as gradients:
+        assert gradients.backward("x", TensorDict({"x": torch.zeros(4)}, [4]))["loss_x"].isfinite()
+        assert torch.get_num_threads() == threads
+    assert "one process computes gradients" in capsys.readouterr().out
 
 
 def test_draws_follow_the_callers_stream() -> None:

@@ -51,4 +51,5 @@ def test_a_task_without_authored_keyframes():
 def test_processes_share_batches_where_that_pays(monkeypatch, cpus, changed, expected):
     monkeypatch.setattr(learning, "available_cpus", lambda: cpus)
     recipe = ImagineRecipe(motions=("generated:train@8",), out=Path("run"), minutes=20.0, steps=None, device="cpu")
-    assert usual_processes(replace(recipe, **changed)) == expected
+    assert usual_processes(replace(recipe, **changed), frames=10_000) == expected
+    assert usual_processes(recipe, frames=10**7) == 1
