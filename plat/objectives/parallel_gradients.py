@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from plat import errors
 from plat.bounds import Count, check_value
-from plat.errors import PlatError
+from plat.errors import ConfigError, PlatError
 from plat.objectives.graphed import GraphedLoss
 from plat.pools import begin_helper
 from plat.scratch import Scratch
@@ -49,6 +49,9 @@ class ParallelGradients:
         modules: whose parameters and buffers the losses read, and which change from one batch to the next.
         processes: including this one; 1 for no others. For losses on the CPU.
 
+    Raises:
+        ConfigError: for several processes and modules on a GPU.
+
     Use it as a context, or call :meth:`close`. While there are several processes this one's PyTorch has one thread.
 
     >>> from plat.modules import DynamicsModel
@@ -72,6 +75,8 @@ class ParallelGradients:
         self._pool: ThreadPoolExecutor | None = None
         if processes == 1:
             return
+        if elsewhere := {tensor.device.type for tensor in self._tensors} - {"cpu"}:
+            raise ConfigError(f"gradients: {processes} processes, expected 1 on {min(elsewhere)}; several are for CPUs")
         self._scratch = Scratch("plat-gradients-")
         path = self._scratch.path / _FILE
         try:

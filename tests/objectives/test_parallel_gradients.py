@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 from torch import nn
 
-from plat.errors import ObservationError
+from plat.errors import ConfigError, ObservationError
 from plat.modules import DynamicsConfig, DynamicsModel, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary
 from plat.objectives import DynamicsLoss, ImaginationLoss
@@ -141,6 +141,12 @@ def test_what_cannot_be_sent_is_computed_here(capsys: pytest.CaptureFixture[str]
         assert gradients.backward("x", TensorDict({"x": torch.zeros(4)}, [4]))["loss_x"].isfinite()
         assert torch.get_num_threads() == threads
     assert "one process computes gradients" in capsys.readouterr().out
+
+
+def test_a_gpu_has_one_process() -> None:
+    module = nn.Linear(2, 2, device="meta")  # which is not a CPU either
+    with pytest.raises(ConfigError, match="2 processes, expected 1 on meta"):
+        ParallelGradients({}, [module], processes=2)
 
 
 def test_draws_follow_the_callers_stream() -> None:
