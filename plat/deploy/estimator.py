@@ -94,6 +94,7 @@ class StateEstimator:
         self._filter = InvariantFilter(len(self._soles.foot), settings.noise)
         self._standing = np.zeros(len(self._soles.foot), dtype=bool)
         self._before: _Floats | None = None
+        self._begun = False
         self._reading = (robot.default_joint_pos, np.zeros(len(robot.joint_names)), np.zeros(3))
 
     @property
@@ -150,6 +151,7 @@ class StateEstimator:
         self._detector.reset()
         self._standing[:] = False
         self._before = None
+        self._begun = True
         return self._state(joint_pos, np.zeros_like(joint_pos), gyro)
 
     def update(
@@ -172,9 +174,10 @@ class StateEstimator:
             torque: joint torques ``[J]`` (N m) as the motors report them; None where they do not.
 
         Raises:
-            StateError: for readings of another size or that are not finite, and times that are not positive. Nothing
-                has changed then.
+            StateError: before :meth:`reset`, for readings of another size or that are not finite, and times that are
+                not positive. Nothing has changed then.
         """
+        self._check_begun("update")
         joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
         joint_vel = self._numbers("joint_vel", joint_vel, len(joint_pos))
         torque = None if torque is None else self._numbers("torque", torque, len(joint_pos))
@@ -226,9 +229,10 @@ class StateEstimator:
             heading_spread: of the heading (rad).
 
         Raises:
-            StateError: for a position that has not three finite numbers, a heading that is not finite, and standard
-                deviations that are not above 0. Nothing has changed then.
+            StateError: before :meth:`reset`, for a position that has not three finite numbers, a heading that is not
+                finite, and standard deviations that are not above 0. Nothing has changed then.
         """
+        self._check_begun("measure")
         for name, value in (("spread", spread), ("heading_spread", heading_spread)):
             if not is_finite(value) or value <= 0:
                 raise StateError(f"state estimator: {name} is {shown(value)}, expected a standard deviation above 0")
@@ -254,8 +258,10 @@ class StateEstimator:
             pose: whose root position and orientation count.
 
         Raises:
-            StateError: for a pose that is not finite, or whose quaternion is not of unit length.
+            StateError: before :meth:`reset`, and for a pose that is not finite, or whose quaternion is not of unit
+                length.
         """
+        self._check_begun("anchor")
         place, quat = root_of("state estimator: pose", pose)
         target = quat_to_matrix(quat)
         here = self._filter.rotation @ self._imu_to_root.T
@@ -265,6 +271,12 @@ class StateEstimator:
         shift[2] = 0.0  # the floor stays where it is
         self._filter.change_world(turn, shift)
         return self._state(*self._reading)
+
+    def _check_begun(self, what: str) -> None:
+        if not self._begun:
+            raise StateError(
+                f"state estimator: {what}() before reset(), which takes tilt and height from a robot that stands still"
+            )
 
     def _state(self, joint_pos: _Floats, joint_vel: _Floats, gyro: _Floats) -> RobotState:
         self._reading = (joint_pos, joint_vel, gyro)

@@ -258,3 +258,14 @@ def test_a_start_in_free_fall_is_refused():
 def test_settings_are_checked():
     with pytest.raises(ConfigError, match="EstimatorSettings: gate is -1"):
         EstimatorSettings(gate=-1.0)
+
+
+def test_before_a_reset_nothing_is_estimated():
+    estimator = StateEstimator(ROBOT)
+    for what, call in {
+        "update": lambda: estimator.update(ROBOT.default_joint_pos, np.zeros(29), **STILL, dt=0.02),
+        "measure": lambda: estimator.measure(np.ones(3)),
+        "anchor": lambda: estimator.anchor(standing(G1)),
+    }.items():
+        with pytest.raises(StateError, match=rf"{what}\(\) before reset\(\)"):
+            call()
