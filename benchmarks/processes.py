@@ -1,4 +1,4 @@
-"""Seconds of an update of policy and model on a CPU: in one process with one thread and with all, and in several.
+"""Seconds of a gradient of policy and model on a CPU: by one process with one thread and with all, and by several.
 
 python benchmarks/processes.py            # a table, of which the ratio is what matters
 """
@@ -21,18 +21,19 @@ CPU = torch.device("cpu")
 
 
 def seconds(gradients: ParallelGradients, name: str, batch: TensorDict, repeats: int) -> float:
-    """Seconds of an update, after one that is not counted."""
-    gradients.backward(name, batch)
+    """Seconds of a batch, after some that are not counted."""
+    batches = [batch] * gradients.processes
+    list(gradients.backward(name, batches))
     begin = time.perf_counter()
     for _ in range(repeats):
-        gradients.backward(name, batch)
-    return (time.perf_counter() - begin) / repeats
+        list(gradients.backward(name, batches))
+    return (time.perf_counter() - begin) / repeats / len(batches)
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--batches", type=int, nargs="+", default=[256, 512])
+    parser.add_argument("--batches", type=int, nargs="+", default=[128, 256, 512])
     parser.add_argument("--processes", type=int, nargs="+", default=[available_cpus()])
     parser.add_argument("--steps", type=int, default=24)
     parser.add_argument("--repeats", type=int, default=5)

@@ -37,9 +37,9 @@ from plat.tasks.pose_table import MOST_COPIED
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
 WORTH_MINUTES, WORTH_STEPS = 1.0, 50_000
-"""Training for which processes are started that share batches: each takes seconds to start."""
-MOST_PROCESSES, LEAST_PART = 4, 64
-"""Such processes, at most, and states that each has of a batch, at least."""
+"""Training for which processes are started that compute gradients at once: each takes seconds to start."""
+MOST_PROCESSES = 2
+"""Such processes where nothing is said; more make gradients older."""
 REPORT_ROBOTS, REPORT_ROLLOUTS = 64, 8
 """Robots that the report is of, and how often each makes so many steps."""
 
@@ -177,7 +177,7 @@ def learn(
 
 
 def usual_processes(recipe: ImaginationRecipe, frames: int) -> int:
-    """Return how many processes share a batch where nothing is said.
+    """Return how many processes compute gradients at once where nothing is said.
 
     There is one for short trainings, for libraries of so many frames that a file for the others would take long, and
     where a GPU or workers compute.
@@ -185,7 +185,7 @@ def usual_processes(recipe: ImaginationRecipe, frames: int) -> int:
     short = (recipe.minutes or 0) < WORTH_MINUTES and (recipe.steps or 0) < WORTH_STEPS
     if short or frames > MOST_COPIED or recipe.device != "cpu" or recipe.workers:
         return 1
-    return max(1, min(available_cpus(), MOST_PROCESSES, recipe.imagination.policy_batch // LEAST_PART))
+    return min(available_cpus(), MOST_PROCESSES)
 
 
 def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionLibrary | None:

@@ -251,7 +251,7 @@ class ImaginationRecipe(RecipeConfig):
     save_replay: bool = True
     """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
     processes: Natural = 0
-    """processes that share every batch of updates on CPUs; 0 for one a CPU, up to 4"""
+    """processes that compute gradients at once, on CPUs; 0 for two where that pays"""
     disturbed: Fraction = 0.0
     """strength of randomized physics, delays, pushes, noise, estimator errors; 1 for all of it"""
     unseen: tuple[str, ...] = ("generated:val@120",)

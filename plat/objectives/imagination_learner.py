@@ -1,7 +1,8 @@
 """Iteration of learning by imagination: updates of the dynamics model, then of the policy in it."""
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Protocol
 
 import torch
@@ -56,8 +57,8 @@ class ImaginationLearner:
         loss: the policy's loss, a subclass of it or a partial of one.
         reference_updates: updates in each iteration of the warm-up in which a new policy learns the task's reference
             (:class:`ReferenceLoss`). A trained one would forget what it knows.
-        processes: that share every update's batch, on a CPU (:class:`ParallelGradients`). With several, call
-            :meth:`close` at the end.
+        processes: that compute gradients at once, on a CPU (:class:`ParallelGradients`); an update's is then up to so
+            many updates old. With several, call :meth:`close` at the end.
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
@@ -185,24 +186,35 @@ class ImaginationLearner:
         """
         config, log = self.config, _Means()
         self._set_rates(fraction)
+        states = partial(replay.states, config.policy_batch, config.recent)
         if len(replay) > config.window:
-            for _ in range(config.model_updates):
-                self._update_model(replay, log)
+            windows = partial(replay.windows, config.model_batch, config.window + 1)
+            for losses in self._gradients_of("model", config.model_updates, windows):
+                self._update_model(losses, log)
         if self.iterations >= config.warmup:
-            for _ in range(config.policy_updates):
-                self._update_policy(replay, log)
+            for losses in self._gradients_of("policy", config.policy_updates, states):
+                self._update_policy(losses, log)
         else:
-            for _ in range(self.reference_updates):
-                self._follow_reference(replay, log)
+            for losses in self._gradients_of("reference", self.reference_updates, states):
+                self._step_policy()
+                log.add(losses)
         self.iterations += 1
         return log.means()
 
     def close(self) -> None:
-        """End the processes that share batches."""
+        """End the processes that compute gradients."""
         self._gradients.close()
 
-    def _update_model(self, replay: Windows, log: "_Means") -> None:
-        losses = self._gradients.backward("model", replay.windows(self.config.model_batch, self.config.window + 1))
+    def _gradients_of(
+        self, name: str, updates: int, sample: Callable[[], TensorDictBase]
+    ) -> Iterator[dict[str, Tensor]]:
+        """Yield the losses of so many batches, each when the weights that learn have its gradient."""
+        while updates > 0:
+            batches = [sample() for _ in range(min(updates, self._gradients.processes))]
+            yield from self._gradients.backward(name, batches)
+            updates -= len(batches)
+
+    def _update_model(self, losses: dict[str, Tensor], log: "_Means") -> None:
         norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
         learns = self._finite["model"].allow(norm)
         for optimizer in self.model_optimizers:
@@ -212,20 +224,14 @@ class ImaginationLearner:
         log.add({"model/loss" if name == "loss_dynamics" else f"model/{name}": value for name, value in losses.items()})
         log.add({"model/skipped": torch.tensor(float(not learns))})
 
-    def _update_policy(self, replay: Windows, log: "_Means") -> None:
+    def _update_policy(self, losses: dict[str, Tensor], log: "_Means") -> None:
         # the critic's loss is in the sum: it and the policy reach different weights
-        losses = self._gradients.backward("policy", replay.states(self.config.policy_batch, self.config.recent))
         for optimizer in self.critic_optimizers:
             if self._finite["critic"].allow(losses["loss_critic"]):
                 optimizer.step()
             optimizer.zero_grad()
         norm, learns = self._step_policy()
         log.add({**losses, "policy_gradient": norm, "policy_skipped": torch.tensor(float(not learns))})
-
-    def _follow_reference(self, replay: Windows, log: "_Means") -> None:
-        losses = self._gradients.backward("reference", replay.states(self.config.policy_batch, self.config.recent))
-        self._step_policy()
-        log.add(losses)
 
     def _step_policy(self) -> tuple[Tensor, bool]:
         """Update the policy and its average by the gradient; return its norm, and whether it was of use."""

@@ -1,8 +1,8 @@
-"""Gradients of losses by several processes, each with a part of the batch."""
+"""Gradients of losses by several processes, each of a batch of its own."""
 
 import multiprocessing
 import pickle
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -30,13 +30,14 @@ _FILE = "losses.pt"
 
 
 class ParallelGradients:
-    """Losses and their gradients, computed by several processes of one CPU each.
+    """Losses and their gradients, of several batches at once by as many processes of one CPU each.
 
-    The operations of an imagined rollout are many and small, and PyTorch's threads gain little with them: two are 1.1
-    times as fast as one. Here a batch is split instead. Every process has a copy of the losses, is sent the weights and
-    its part of a batch, and sends its gradient back. The mean of the gradients, by the sizes of the parts, is that of
-    the whole batch, for losses that are means over it. Processes draw from streams that the caller's stream seeds, so a
-    run is the same from one time to the next.
+    The operations of an imagined rollout are many and small. Most of its time goes by between them, whatever the size
+    of the batch, and neither PyTorch's threads nor smaller batches save much. So here every process has a whole batch.
+    It has a copy of the losses, is sent the weights, and sends its gradient back. All gradients are of the same
+    weights. Whoever updates these by one after the other uses gradients that are a few updates old: at most as old as
+    there are other processes. Processes draw from streams that the caller's stream seeds, so a run is the same from one
+    time to the next.
 
     What the losses hold besides, such as tables of a task, is written to a file that all processes map. It is what it
     was when they began: a task whose steps depend on what changes during training needs one process.
@@ -46,7 +47,7 @@ class ParallelGradients:
 
     Args:
         losses: by name.
-        modules: whose parameters and buffers the losses read, and which change from one batch to the next.
+        modules: whose parameters and buffers the losses read, and which change from one call to the next.
         processes: including this one; 1 for no others. For losses on the CPU.
 
     Raises:
@@ -62,8 +63,8 @@ class ParallelGradients:
     >>> windows = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
     >>> loss = GraphedLoss(DynamicsLoss(model), model.parameters(), torch.device("cpu"))
     >>> with ParallelGradients({"model": loss}, [model]) as gradients:
-    ...     losses = gradients.backward("model", windows)
-    >>> all(parameter.grad is not None for parameter in model.parameters())
+    ...     for losses in gradients.backward("model", [windows]):
+    ...         print(all(parameter.grad is not None for parameter in model.parameters()))
     True
     """
 
@@ -91,47 +92,55 @@ class ParallelGradients:
         self._helpers = [_Helper(path) for _ in range(processes - 1)]
         torch.set_num_threads(1)
 
-    def backward(self, name: str, batch: TensorDictBase) -> dict[str, Tensor]:
-        """Compute losses and gradients, which replace those that the parameters have.
+    @property
+    def processes(self) -> int:
+        """How many processes there are: so many batches take as long as one."""
+        return 1 + len(self._helpers)
+
+    def backward(self, name: str, batches: Sequence[TensorDictBase]) -> Iterator[dict[str, Tensor]]:
+        """Compute losses and gradients of batches, all with the weights of this moment.
 
         Args:
             name: of the loss.
-            batch: tensors ``[B, ...]``.
+            batches: at most as many as there are processes.
 
-        Returns:
-            What the loss returns, detached.
+        Yields:
+            What the loss returns of each batch, detached. The parameters have its gradient then, in place of others.
 
         Raises:
             PlatError: what the loss raises, here or in another process.
         """
-        loss = self._losses[name]
-        if not self._helpers or len(batch) <= len(self._helpers):
-            return loss.backward(batch)
-        ours, *parts = batch.chunk(1 + len(self._helpers))
-        weights = [tensor.detach().numpy() for tensor in self._tensors]
-        orders = [(name, int(torch.randint(2**62, ())), weights, _plain(part)) for part in parts]
-        # a batch may be split into fewer parts than there are processes
-        asked = list(zip(self._helpers, parts, orders, strict=False))
+        loss, (ours, *others) = self._losses[name], batches
+        if not others:
+            yield loss.backward(ours)
+            return
         assert self._pool is not None
+        weights = [tensor.detach().numpy() for tensor in self._tensors]
+        orders = [(name, int(torch.randint(2**62, ())), weights, _plain(batch)) for batch in others]
+        asked = list(zip(self._helpers, others, orders, strict=False))
         answers = [self._pool.submit(helper.ask, pickle.dumps(order, protocol=5)) for helper, _, order in asked]
-        sums = _Sums(loss.parameters)
         try:
-            sums.add(loss.backward(ours), _gradients(loss), len(ours))
+            found = [(loss.backward(ours), _gradients(loss))]
         finally:
             wait(answers)  # whatever is raised: the next order must not meet this one
-        for (helper, part, _), answer in zip(asked, answers, strict=True):
+        for (helper, batch, _), answer in zip(asked, answers, strict=True):
             try:
-                sums.add(*answer.result(), len(part))
+                found.append(answer.result())
             except (EOFError, OSError):
                 self._do_without(helper)
-                sums.add(loss.backward(part), _gradients(loss), len(part))
-        return sums.means()
+                found.append((loss.backward(batch), _gradients(loss)))
+        for losses, gradients in found:
+            for parameter, gradient in zip(loss.parameters, gradients, strict=True):
+                parameter.grad = gradient
+            yield losses
 
     def _do_without(self, helper: "_Helper") -> None:
         helper.close()
         self._helpers = [other for other in self._helpers if other is not helper]
-        told = f"a process that computed gradients ended, with code {helper.exit_code}"
-        print(f"{told}; {counted(1 + len(self._helpers), 'process goes', 'processes go')} on without it", flush=True)
+        left = counted(self.processes, "process goes", "processes go")
+        print(
+            f"a process that computed gradients ended, with code {helper.exit_code}; {left} on without it", flush=True
+        )
 
     def close(self) -> None:
         """End the other processes; again has no effect."""
@@ -153,31 +162,6 @@ class ParallelGradients:
         self.close()
 
 
-class _Sums:
-    """Losses and gradients of the parts of a batch, added up by their sizes."""
-
-    def __init__(self, parameters: Sequence[nn.Parameter]):
-        self._parameters = parameters
-        self._gradients: list[Tensor | None] = [None] * len(parameters)
-        self._losses: dict[str, Tensor] = {}
-        self._count = 0
-
-    def add(self, losses: Mapping[str, Tensor], gradients: Sequence[Tensor | None], count: int) -> None:
-        self._count += count
-        for name, value in losses.items():
-            self._losses[name] = self._losses.get(name, torch.zeros_like(value)) + count * value
-        for number, gradient in enumerate(gradients):
-            if gradient is not None:
-                before = self._gradients[number]
-                self._gradients[number] = count * gradient if before is None else before.add_(gradient, alpha=count)
-
-    def means(self) -> dict[str, Tensor]:
-        """Return the mean losses; the mean gradients become those of the parameters."""
-        for parameter, gradient in zip(self._parameters, self._gradients, strict=True):
-            parameter.grad = None if gradient is None else gradient.div_(self._count)
-        return {name: value / self._count for name, value in self._losses.items()}
-
-
 class _Helper:
     """Another process, and what speaks with it."""
 
@@ -194,7 +178,7 @@ class _Helper:
         return self._process.exitcode
 
     def ask(self, order: bytes) -> tuple[dict[str, Tensor], list[Tensor | None]]:
-        """Return losses and gradients of a part of a batch.
+        """Return losses and gradients of a batch.
 
         Raises:
             EOFError, OSError: when the process is gone.
@@ -252,12 +236,12 @@ def _tensors(modules: Iterable[nn.Module]) -> list[Tensor]:
     return [tensor for module in modules for tensor in (*module.parameters(), *module.buffers())]
 
 
-def _plain(part: TensorDictBase) -> dict[str, Any]:
+def _plain(batch: TensorDictBase) -> dict[str, Any]:
     """A batch as arrays: tensors would go by files, one each."""
     entries = {
-        name: _plain(value) if isinstance(value, TensorDictBase) else value.numpy() for name, value in part.items()
+        name: _plain(value) if isinstance(value, TensorDictBase) else value.numpy() for name, value in batch.items()
     }
-    return {"entries": entries, "shape": tuple(part.shape)}
+    return {"entries": entries, "shape": tuple(batch.shape)}
 
 
 def _tensordict(part: dict[str, Any]) -> TensorDict:

@@ -104,7 +104,7 @@ def test_a_seed_fixes_the_result(tmp_path):
     assert not all(a[name].equal(c[name]) for name in a)
 
 
-def test_processes_share_batches_and_a_seed_fixes_the_result(tmp_path):
+def test_with_several_processes_a_seed_fixes_the_result(tmp_path):
     for name, processes in (("a", 2), ("b", 2), ("c", 1)):
         words = [*RECIPES["imagine"], "--out", tmp_path / name, "--steps", 192, "--seed", 3, "--processes", processes]
         main(["imagine", *map(str, words)])
