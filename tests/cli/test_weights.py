@@ -22,7 +22,7 @@ RUNS = {
     "sides": "imagined",
     "latent-third": "imagined-latent",
     "robot-second": "imagined-robot",
-    "free-22": "imagined-free",
+    "free-23": "imagined-free",
     "plat-generated": "plat-generated",
 }
 # files of the machine that trained, and how it was watched
