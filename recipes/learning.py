@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any
 
@@ -179,9 +180,11 @@ def learn(
 def usual_processes(recipe: ImaginationRecipe, frames: int) -> int:
     """Return how many processes compute gradients at once where nothing is said.
 
-    There is one for short trainings, for libraries of so many frames that a file for the others would take long, and
-    where a GPU or workers compute.
+    There is one for short trainings, for libraries of so many frames that a file for the others would take long, where
+    a GPU or workers compute, and in a process that may start no others.
     """
+    if current_process().daemon:
+        return 1
     short = (recipe.minutes or 0) < WORTH_MINUTES and (recipe.steps or 0) < WORTH_STEPS
     if short or frames > MOST_COPIED or recipe.device != "cpu" or recipe.workers:
         return 1

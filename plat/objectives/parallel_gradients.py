@@ -108,13 +108,15 @@ class ParallelGradients:
             What the loss returns of each batch, detached. The parameters have its gradient then, in place of others.
 
         Raises:
+            ConfigError: for more batches.
             PlatError: what the loss raises, here or in another process.
         """
+        if len(batches) > self.processes:
+            raise ConfigError(f"gradients: {len(batches)} batches, expected at most {self.processes}, the processes")
         loss, (ours, *others) = self._losses[name], batches
-        if not others:
+        if self._pool is None or not others:
             yield loss.backward(ours)
             return
-        assert self._pool is not None
         weights = [tensor.detach().numpy() for tensor in self._tensors]
         orders = [(name, int(torch.randint(2**62, ())), weights, _plain(batch)) for batch in others]
         asked = list(zip(self._helpers, others, orders, strict=False))

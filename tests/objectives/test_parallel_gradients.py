@@ -99,6 +99,11 @@ def test_a_single_batch_is_computed_here(parts: Parts, gradients: ParallelGradie
     torch.testing.assert_close(found, [parts.gradients("policy", batch)], rtol=0, atol=0)
 
 
+def test_more_batches_than_processes_are_refused(parts: Parts, gradients: ParallelGradients) -> None:
+    with pytest.raises(ConfigError, match="3 batches, expected at most 2, the processes"):
+        computed(gradients, parts, "policy", [parts.states(3)] * 3)
+
+
 def test_an_error_in_another_process_is_the_callers(parts: Parts, gradients: ParallelGradients) -> None:
     good, bad = parts.windows(8), parts.windows(8).select("robot_state")
     for batches in ([good, bad], [bad, good]):

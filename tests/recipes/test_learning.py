@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -50,3 +51,5 @@ def test_gradients_are_computed_at_once_where_that_pays(monkeypatch, cpus, chang
     recipe = ImagineRecipe(motions=("generated:train@8",), out=Path("run"), minutes=20.0, steps=None, device="cpu")
     assert usual_processes(replace(recipe, **changed), frames=10_000) == expected
     assert usual_processes(recipe, frames=10**7) == 1
+    monkeypatch.setattr(learning, "current_process", lambda: SimpleNamespace(daemon=True))
+    assert usual_processes(recipe, frames=10_000) == 1
