@@ -4,7 +4,6 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from multiprocessing import current_process
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from torch import nn
 from torchrl.envs import EnvBase
 
 from plat.collectors import RolloutReplay, collect, rollouts
-from plat.envs.physics import available_cpus, get_physics
+from plat.envs.physics import get_physics
 from plat.envs.randomized_physics import num_physics
 from plat.envs.transforms import NoiseLevels
 from plat.envs.transforms.settings import robot_ranges
@@ -33,14 +32,9 @@ from plat.runs.announce import begins
 from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
-from plat.tasks.pose_table import MOST_COPIED
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
-WORTH_MINUTES, WORTH_STEPS = 1.0, 50_000
-"""Training for which processes are started that compute gradients at once: each takes seconds to start."""
-MOST_PROCESSES = 2
-"""Such processes where nothing is said; more make gradients older."""
 REPORT_ROBOTS, REPORT_ROLLOUTS = 64, 8
 """Robots that the report is of, and how often each makes so many steps."""
 
@@ -107,7 +101,7 @@ def learn(
         effort=effort,
         loss=loss,
         reference_updates=reference_updates,
-        processes=recipe.processes or usual_processes(recipe, len(library)),
+        processes=recipe.processes,
     )
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
@@ -175,20 +169,6 @@ def learn(
             env = SimulatedTask(make_task(unseen), REPORT_ROBOTS, device=device)
             report_model_error(recipe.out, model, env, actor)
         run.finish()
-
-
-def usual_processes(recipe: ImaginationRecipe, frames: int) -> int:
-    """Return how many processes compute gradients at once where nothing is said.
-
-    There is one for short trainings, for libraries of so many frames that a file for the others would take long, where
-    a GPU or workers compute, and in a process that may start no others.
-    """
-    if current_process().daemon:
-        return 1
-    short = (recipe.minutes or 0) < WORTH_MINUTES and (recipe.steps or 0) < WORTH_STEPS
-    if short or frames > MOST_COPIED or recipe.device != "cpu" or recipe.workers:
-        return 1
-    return min(available_cpus(), MOST_PROCESSES)
 
 
 def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionLibrary | None:

@@ -250,8 +250,8 @@ class ImaginationRecipe(RecipeConfig):
     """control steps of each robot that are kept"""
     save_replay: bool = True
     """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
-    processes: Natural = 0
-    """processes that compute gradients at once, on CPUs; 0 for two where that pays"""
+    processes: Count = 1
+    """processes that compute gradients at once, on CPUs, each of a batch"""
     disturbed: Fraction = 0.0
     """strength of randomized physics, delays, pushes, noise, estimator errors; 1 for all of it"""
     unseen: tuple[str, ...] = ("generated:val@120",)

@@ -53,7 +53,7 @@ class ParallelGradients:
     Raises:
         ConfigError: for several processes and modules on a GPU.
 
-    Use it as a context, or call :meth:`close`. While there are several processes this one's PyTorch has one thread.
+    Use it as a context, or call :meth:`close`.
 
     >>> from plat.modules import DynamicsModel
     >>> from plat.objectives import DynamicsLoss
@@ -87,10 +87,8 @@ class ParallelGradients:
             told = str(error).partition("\n")[0]
             print(f"one process computes gradients: {path} could not be written for others ({told})", flush=True)
             return
-        self._threads = torch.get_num_threads()
         self._pool = ThreadPoolExecutor(processes - 1, thread_name_prefix="plat-gradients")
         self._helpers = [_Helper(path) for _ in range(processes - 1)]
-        torch.set_num_threads(1)
 
     @property
     def processes(self) -> int:
@@ -121,10 +119,13 @@ class ParallelGradients:
         orders = [(name, int(torch.randint(2**62, ())), weights, _plain(batch)) for batch in others]
         asked = list(zip(self._helpers, others, orders, strict=False))
         answers = [self._pool.submit(helper.ask, pickle.dumps(order, protocol=5)) for helper, _, order in asked]
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)  # the other CPUs are busy
         try:
             found = [(loss.backward(ours), _gradients(loss))]
         finally:
             wait(answers)  # whatever is raised: the next order must not meet this one
+            torch.set_num_threads(threads)
         for (helper, batch, _), answer in zip(asked, answers, strict=True):
             try:
                 found.append(answer.result())
@@ -153,7 +154,6 @@ class ParallelGradients:
         self._pool.shutdown()
         self._helpers, self._pool = [], None
         self._scratch.remove()
-        torch.set_num_threads(self._threads)
 
     def __enter__(self) -> "ParallelGradients":
         return self

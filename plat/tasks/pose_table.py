@@ -11,12 +11,12 @@ from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 
-__all__ = ["MOST_COPIED", "PoseTable"]
+__all__ = ["PoseTable"]
 
 
-MOST_COPIED = 1 << 22
-"""Frames of the largest library (a day at 50 Hz) that is copied; others are looked up where they are. A copy of states
-and keypoints is faster, and takes half a kilobyte a frame."""
+# Libraries of more frames than this (a day at 50 Hz) are looked up where they are. A copy of states and keypoints is
+# faster, and takes half a kilobyte a frame.
+_COPIED = 1 << 22
 
 
 class PoseTable(nn.Module):
@@ -45,7 +45,7 @@ class PoseTable(nn.Module):
     @classmethod
     def of_library(cls, library: MotionLibrary) -> "PoseTable":
         """The frames of a library. A large one is not copied, and stays on its device."""
-        large = len(library) > MOST_COPIED
+        large = len(library) > _COPIED
         frames = library.frames[:0] if large else library.frames
         states, points = GeneralizedState.from_motion(frames).pack(), frames["keypoint_pos"].flatten(1)
         return cls(states, points, library if large else None)

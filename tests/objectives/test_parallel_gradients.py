@@ -135,7 +135,6 @@ def test_a_process_that_ends_is_done_without(capsys: pytest.CaptureFixture[str])
     loss, threads = GraphedLoss(module, module.parameters(), CPU), torch.get_num_threads()
     falling, rising = (TensorDict({"x": sign * torch.arange(4.0)}, [4]) for sign in (-1, 1))
     with ParallelGradients({"x": loss}, [module], processes=2) as gradients:
-        assert torch.get_num_threads() == 1
         with pytest.raises(ObservationError, match="x is above 0"):
             list(gradients.backward("x", [falling, rising]))
         found = [
@@ -145,17 +144,16 @@ def test_a_process_that_ends_is_done_without(capsys: pytest.CaptureFixture[str])
         assert found == [(1.5, 1.5), (-1.5, -1.5)]
         assert "ended, with code -9; 1 process goes on without it" in capsys.readouterr().out
         assert gradients.processes == 1
-    assert torch.get_num_threads() == threads
+        assert torch.get_num_threads() == threads
 
 
 def test_what_cannot_be_sent_is_computed_here(capsys: pytest.CaptureFixture[str]) -> None:
     module = Drawing()
     module.lock = threading.Lock()
-    loss, threads = GraphedLoss(module, module.parameters(), CPU), torch.get_num_threads()
+    loss = GraphedLoss(module, module.parameters(), CPU)
     with ParallelGradients({"x": loss}, [module], processes=2) as gradients:
         assert gradients.processes == 1
         assert len(list(gradients.backward("x", [TensorDict({"x": torch.zeros(4)}, [4])]))) == 1
-        assert torch.get_num_threads() == threads
     assert "one process computes gradients" in capsys.readouterr().out
 
 

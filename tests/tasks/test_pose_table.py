@@ -6,7 +6,7 @@ from plat.tasks import PoseTable
 def test_a_large_library_is_looked_up_where_it_is(library, monkeypatch):
     poses = PoseTable.of_poses(library.qpos(torch.tensor([3, 5])), library.robot)
     copied = PoseTable.of_library(library).then(poses)
-    monkeypatch.setattr("plat.tasks.pose_table.MOST_COPIED", 10)
+    monkeypatch.setattr("plat.tasks.pose_table._COPIED", 10)
     alone = PoseTable.of_library(library)
     behind = alone.then(poses)
     assert behind.states.shape[0] == 2
