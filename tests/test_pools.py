@@ -1,9 +1,11 @@
 import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import pytest
 
+from plat import pools
 from plat.errors import WorkerError
 from plat.pools import told_if_killed
 
@@ -20,3 +22,12 @@ def test_a_process_that_was_killed_is_one_line():
 def test_other_errors_pass():
     with pytest.raises(KeyError), told_if_killed():
         raise KeyError("a")
+
+
+def test_a_process_ends_with_the_one_that_started_it(monkeypatch):
+    ended: list[object] = []
+    parent = SimpleNamespace(join=lambda: ended.append("parent"))
+    monkeypatch.setattr(pools.multiprocessing, "parent_process", lambda: parent)
+    monkeypatch.setattr(pools.os, "_exit", ended.append)
+    pools._end_with_parent()
+    assert ended == ["parent", 1]

@@ -4,7 +4,6 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import pytest
@@ -150,15 +149,6 @@ def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkey
     assert len(scratch) == 1
     assert not scratch[0].exists()
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-
-
-def test_a_process_of_a_pool_ends_with_its_parent(monkeypatch):
-    ended: list[object] = []
-    parent = SimpleNamespace(join=lambda: ended.append("parent"))
-    monkeypatch.setattr(cells.multiprocessing, "parent_process", lambda: parent)
-    monkeypatch.setattr(cells.os, "_exit", ended.append)
-    cells._end_with_parent()
-    assert ended == ["parent", 1]
 
 
 @pytest.mark.slow
