@@ -67,6 +67,16 @@ class GraphedLoss:
         Returns:
             What the loss returns, detached.
         """
+        losses, gradients = self.gradients(batch)
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
+            parameter.grad = gradient
+        return losses
+
+    def gradients(self, batch: TensorDictBase) -> tuple[dict[str, Tensor], list[Tensor | None]]:
+        """Return what the loss returns, detached, and the gradient of each parameter; None where there is none.
+
+        On a GPU the next call may overwrite these gradients.
+        """
         if not self._capture:
             losses, gradients = self._computed(batch)
         else:
@@ -79,9 +89,7 @@ class GraphedLoss:
                 self._batch.update_(batch)
                 self._graph.replay()
                 losses, gradients = self._losses.clone(), self._gradients
-        for parameter, gradient in zip(self.parameters, gradients, strict=True):
-            parameter.grad = gradient
-        return dict(losses.items())
+        return dict(losses.items()), gradients
 
     def _computed(self, batch: TensorDictBase) -> tuple[TensorDictBase, list[Tensor | None]]:
         with autocast(self._device, self._precision):

@@ -8,12 +8,10 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import cloudpickle
-import numpy as np
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from plat import errors
@@ -55,6 +53,7 @@ class ParallelGradients:
 
     Use it as a context, or call :meth:`close`.
 
+    >>> from tensordict import TensorDict
     >>> from plat.modules import DynamicsModel
     >>> from plat.objectives import DynamicsLoss
     >>> from plat.robots import G1
@@ -115,14 +114,14 @@ class ParallelGradients:
         if self._pool is None or not others:
             yield loss.backward(ours)
             return
-        weights = [tensor.detach().numpy() for tensor in self._tensors]
-        orders = [(name, int(torch.randint(2**62, ())), weights, _plain(batch)) for batch in others]
+        weights = [tensor.detach() for tensor in self._tensors]
+        orders = [(name, int(torch.randint(2**62, ())), weights, batch) for batch in others]
         asked = list(zip(self._helpers, others, orders, strict=False))
-        answers = [self._pool.submit(helper.ask, pickle.dumps(order, protocol=5)) for helper, _, order in asked]
+        answers = [self._pool.submit(helper.ask, pickle.dumps(order)) for helper, _, order in asked]
         threads = torch.get_num_threads()
         torch.set_num_threads(1)  # the other CPUs are busy
         try:
-            found = [(loss.backward(ours), _gradients(loss))]
+            found = [loss.gradients(ours)]
         finally:
             wait(answers)  # whatever is raised: the next order must not meet this one
             torch.set_num_threads(threads)
@@ -131,7 +130,7 @@ class ParallelGradients:
                 found.append(answer.result())
             except (EOFError, OSError):
                 self._do_without(helper)
-                found.append((loss.backward(batch), _gradients(loss)))
+                found.append(loss.gradients(batch))
         for losses, gradients in found:
             for parameter, gradient in zip(loss.parameters, gradients, strict=True):
                 parameter.grad = gradient
@@ -187,13 +186,11 @@ class _Helper:
             PlatError: what the loss raised.
         """
         self._connection.send_bytes(order)
-        losses, gradients, failure = pickle.loads(self._connection.recv_bytes())
+        found, failure = pickle.loads(self._connection.recv_bytes())
         if failure is not None:
             kind, message = failure
             raise getattr(errors, kind, PlatError)(message)
-        return {name: torch.from_numpy(value) for name, value in losses.items()}, [
-            None if values is None else torch.from_numpy(values) for values in gradients
-        ]
+        return found
 
     def close(self) -> None:
         self._connection.close()
@@ -211,44 +208,19 @@ def _serve(path: Path, connection: Connection) -> None:
     tensors = _tensors(modules)
     with suppress(EOFError, OSError):
         while True:
-            name, seed, weights, part = pickle.loads(connection.recv_bytes())
-            connection.send_bytes(pickle.dumps(_answer(losses[name], tensors, seed, weights, part), protocol=5))
-
-
-def _answer(
-    loss: GraphedLoss, tensors: Sequence[Tensor], seed: int, weights: Iterable[np.ndarray], part: dict[str, Any]
-) -> tuple[dict[str, np.ndarray], list[np.ndarray | None], tuple[str, str] | None]:
-    with torch.no_grad():
-        for tensor, values in zip(tensors, weights, strict=True):
-            tensor.copy_(torch.from_numpy(values))
-    torch.manual_seed(seed)
-    try:
-        losses = loss.backward(_tensordict(part))
-    except PlatError as error:
-        return {}, [], (type(error).__name__, str(error))
-    gradients = [None if gradient is None else gradient.numpy() for gradient in _gradients(loss)]
-    return {name: value.numpy() for name, value in losses.items()}, gradients, None
-
-
-def _gradients(loss: GraphedLoss) -> list[Tensor | None]:
-    return [parameter.grad for parameter in loss.parameters]
+            name, seed, weights, batch = pickle.loads(connection.recv_bytes())
+            with torch.no_grad():
+                for tensor, values in zip(tensors, weights, strict=True):
+                    tensor.copy_(values)
+            torch.manual_seed(seed)
+            found, failure = None, None
+            try:
+                found = losses[name].gradients(batch)
+            except PlatError as error:
+                failure = type(error).__name__, str(error)
+            # not send(): tensors would go by files there, one each
+            connection.send_bytes(pickle.dumps((found, failure)))
 
 
 def _tensors(modules: Iterable[nn.Module]) -> list[Tensor]:
     return [tensor for module in modules for tensor in (*module.parameters(), *module.buffers())]
-
-
-def _plain(batch: TensorDictBase) -> dict[str, Any]:
-    """A batch as arrays: tensors would go by files, one each."""
-    entries = {
-        name: _plain(value) if isinstance(value, TensorDictBase) else value.numpy() for name, value in batch.items()
-    }
-    return {"entries": entries, "shape": tuple(batch.shape)}
-
-
-def _tensordict(part: dict[str, Any]) -> TensorDict:
-    entries = {
-        name: _tensordict(value) if isinstance(value, dict) else torch.from_numpy(value)
-        for name, value in part["entries"].items()
-    }
-    return TensorDict(entries, part["shape"])
