@@ -10,8 +10,6 @@ from plat.bounds import Bounded, Fraction, Range
 from plat.envs.transforms.settings import TrackingTerm
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tensordict import TensorDictBase
     from torch import Tensor
 
@@ -54,7 +52,8 @@ class DenseRewards(Bounded):
         from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
 
         anchor, aligned = robot.anchor_index, ("keypoint_pos_w", "keypoint_pos_aligned_w")
-        anchor_pos, anchor_rot = partial(terms.anchor_pos_error, anchor=anchor), _turned(robot)
+        anchor_pos = partial(terms.anchor_pos_error, anchor=anchor)
+        anchor_rot = partial(terms.anchor_rot_error, anchor=anchor)
         return (
             terms.tracking("anchor_pos", self.anchor_pos, anchor_pos, terms.commanded_anchor_pos_error(anchor)),
             terms.tracking("anchor_rot", self.anchor_rot, anchor_rot, terms.commanded_rot_error),
@@ -99,18 +98,13 @@ class KeyframeRewards(Bounded):
         """
         from plat.envs.transforms import reward_terms as terms  # torch: a help text has no use for it
 
+        turned = partial(terms.anchor_rot_error, anchor=robot.anchor_index)
         keypoints, commanded = terms.difference("keypoint_pos_w"), terms.commanded_difference("keypoint_pos_w")
         return (
             terms.arriving("joint_pos", self.joint_pos, terms.joint_pos_error, terms.commanded_joint_pos_error),
             terms.arriving("keypoint_pos", self.keypoint_pos, keypoints, commanded),
-            terms.arriving("anchor_rot", self.anchor_rot, _turned(robot), terms.commanded_rot_error),
+            terms.arriving("anchor_rot", self.anchor_rot, turned, terms.commanded_rot_error),
         )
-
-
-def _turned(robot: Robot) -> Callable[[TensorDictBase, TensorDictBase], Tensor]:
-    from plat.envs.transforms import reward_terms as terms
-
-    return partial(terms.anchor_rot_error, anchor=robot.anchor_index)
 
 
 @dataclass(frozen=True)
