@@ -7,12 +7,16 @@ from torch.utils.weak import WeakTensorKeyDictionary
 from plat.errors import ConfigError
 from plat.json_file import short
 
-__all__ = ["HORIZONTAL", "UP", "check_device", "check_stays", "constant", "on_gpu"]
+__all__ = ["HORIZONTAL", "UP", "check_device", "check_stays", "constant", "on_gpu", "overhead_bound"]
 
 HORIZONTAL = torch.tensor([1.0, 1.0, 0.0])
 """Factors that leave a vector's horizontal part."""
 UP = torch.tensor([0.0, 0.0, 1.0])
 """Factors that leave its vertical part."""
+
+# From so many numbers on, a CPU takes longer for few operations on products of all than for many on what is needed
+# (about a thousand quaternions; tried with one thread on CPUs with AVX-512).
+_SMALL = 4096
 
 _COPIES = WeakTensorKeyDictionary()
 
@@ -69,6 +73,15 @@ def on_gpu(tensor: Tensor) -> bool:
     False
     """
     return tensor.device.type != "cpu"
+
+
+def overhead_bound(tensor: Tensor) -> bool:
+    """Return whether the number of operations counts for more than a tensor's size: on a GPU, and where it is small.
+
+    >>> overhead_bound(UP), overhead_bound(torch.zeros(2000, 4))
+    (True, False)
+    """
+    return tensor.numel() <= _SMALL or on_gpu(tensor)
 
 
 def constant(values: Tensor, like: Tensor | torch.device) -> Tensor:

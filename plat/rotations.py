@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plat.gpu import constant, on_gpu
+from plat.gpu import constant, on_gpu, overhead_bound
 from plat.precision import autocast
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 
+_CONJUGATE = torch.tensor([1.0, -1, -1, -1])
 # of the matrix that a product's left quaternion is to the right one, row by row
 _PRODUCT_PARTS = torch.tensor([0, 1, 2, 3, 1, 0, 3, 2, 2, 3, 0, 1, 3, 2, 1, 0])
 _PRODUCT_SIGNS = torch.tensor([1.0, -1, -1, -1, 1, 1, -1, 1, 1, 1, 1, -1, 1, -1, 1, 1])
@@ -55,7 +56,7 @@ _IDENTITY = torch.eye(3).flatten()
 
 def quat_conjugate(quat: Tensor) -> Tensor:
     """Return the inverse of unit quaternions ``[*B, 4]``."""
-    return torch.cat((quat[..., :1], -quat[..., 1:]), -1)
+    return quat * constant(_CONJUGATE, quat)
 
 
 def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
@@ -65,7 +66,7 @@ def quat_multiply(a: Tensor, b: Tensor) -> Tensor:
     >>> quat_multiply(half_turn, half_turn).tolist()
     [-1.0, 0.0, 0.0, 0.0]
     """
-    if on_gpu(a):
+    if overhead_bound(a):
         left = a.index_select(-1, constant(_PRODUCT_PARTS, a.device)) * constant(_PRODUCT_SIGNS, a)
         return (left.unflatten(-1, (4, 4)) * b[..., None, :]).sum(-1)
     aw, ax, ay, az = a.unbind(-1)
@@ -90,11 +91,9 @@ def quat_rotate(quat: Tensor, vec: Tensor) -> Tensor:
     """
     if on_gpu(vec):
         return (quat_to_matrix(quat) * vec[..., None, :]).sum(-1)
-    axis = quat[..., 1:]
-    quat_w = quat[..., :1]
-    axis, vec = torch.broadcast_tensors(axis, vec)
+    axis, vec = torch.broadcast_tensors(quat[..., 1:], vec)
     twice_cross = 2.0 * torch.linalg.cross(axis, vec)
-    return vec + quat_w * twice_cross + torch.linalg.cross(axis, twice_cross)
+    return torch.addcmul(vec, quat[..., :1], twice_cross) + torch.linalg.cross(axis, twice_cross)
 
 
 def quat_rotate_inverse(quat: Tensor, vec: Tensor) -> Tensor:
@@ -110,7 +109,7 @@ def quat_to_matrix(quat: Tensor) -> Tensor:
     Row vectors go the other way: ``v_w @ quat_to_matrix(a_quat_w)`` is ``v_a``. That form turns many
     points by one rotation in a single matrix product: :func:`rows_times_matrices`.
     """
-    if on_gpu(quat):
+    if overhead_bound(quat):
         products = (quat[..., :, None] * quat[..., None, :]).flatten(-2)
         with autocast(quat.device, "float32"):
             return (constant(_IDENTITY, quat) + products @ constant(_MATRIX_OF_PRODUCTS, quat)).unflatten(-1, (3, 3))

@@ -36,7 +36,8 @@ def test_rotation_forms_agree(quats):
     torch.testing.assert_close((turned[:, None] @ quat_to_matrix(quats))[:, 0], vec)
 
 
-def test_few_operations_on_a_gpu_say_the_same(quats, monkeypatch):
+@pytest.mark.parametrize("bound", ["on_gpu", "overhead_bound"])
+def test_few_operations_say_the_same(bound, quats, monkeypatch):
     vec, other = torch.randn(7, 50, 3, dtype=torch.float64), quats.flip(0)
     pairs = [
         (quat_multiply, (quats, other)),
@@ -45,10 +46,11 @@ def test_few_operations_on_a_gpu_say_the_same(quats, monkeypatch):
         (quat_to_matrix, (quats,)),
     ]
     for function, arguments in pairs:
-        wanted = function(*arguments)
         with monkeypatch.context() as patched:
-            patched.setattr(rotations, "on_gpu", lambda tensor: True)
-            torch.testing.assert_close(function(*arguments), wanted)
+            patched.setattr(rotations, bound, lambda tensor: False)
+            many = function(*arguments)
+            patched.setattr(rotations, bound, lambda tensor: True)
+            torch.testing.assert_close(function(*arguments), many)
 
 
 def test_many_rows_by_one_rotation(quats):

@@ -6,9 +6,10 @@ from torch import Tensor
 
 from plat.bounds import check_robot
 from plat.errors import RobotError, StateError
-from plat.gpu import constant, on_gpu
+from plat.gpu import constant
+from plat.robots.frames import BodyFrames
 from plat.robots.robot import Robot
-from plat.rotations import quat_multiply, quat_rotate, quat_to_matrix
+from plat.rotations import quat_multiply, quat_rotate
 
 __all__ = ["ForwardKinematics"]
 
@@ -51,15 +52,11 @@ class ForwardKinematics:
         """Bodies between the root and the wanted ones: MuJoCo's ids of body and parent, and the joint's index or -1."""
         levels, row_of = _levels(self.chain)
         self._rows = torch.tensor([row_of[body] for body in self._wanted])
-        ids = [body for level in levels for body, _, _ in level]
+        ids, parents, joints = ([entry[part] for level in levels for entry in level] for part in range(3))
+        self._frames = BodyFrames(model, ids, parents, joints)
         # a body without a joint finds no turn behind the last joint
-        self._joints = torch.tensor(
-            [joint if joint >= 0 else robot.num_joints for level in levels for _, _, joint in level]
-        )
+        self._joints = torch.tensor([joint if joint >= 0 else robot.num_joints for joint in joints])
         self._parents = [torch.tensor([parent for _, parent, _ in level]) for level in levels]
-        self._turning = _turning(model, ids, self._joints.tolist())
-        self._joint_or_any = torch.cat((self._joints.new_zeros(1), self._joints.clamp_max(robot.num_joints - 1)))
-        self._above = _ancestors([0, *[parent for level in levels for _, parent, _ in level]])
         self._body_pos = torch.from_numpy(model.body_pos[ids]).float()
         self._body_quat = torch.from_numpy(model.body_quat[ids]).float()
         self._axis = torch.from_numpy(model.jnt_axis[1:]).float()
@@ -73,29 +70,13 @@ class ForwardKinematics:
             root_pos_w, root_quat_w, joint_pos: as for a call.
             offset: of the points from the bodies' origins ``[K, 3]`` (m, body frames); None for the origins.
         """
-        if not on_gpu(joint_pos):
-            pos_w, quat_w = self(root_pos_w, root_quat_w, joint_pos)
-            return pos_w if offset is None else pos_w + quat_rotate(quat_w, constant(offset, pos_w).expand_as(pos_w))
-        frames = self._frames_of(joint_pos).index_select(-3, constant(self._rows, joint_pos.device))
-        origin, turned = frames[..., 3], frames[..., :3]
+        turned, origin = (
+            values.index_select(joint_pos.ndim - 1, constant(self._rows, joint_pos.device))
+            for values in self._frames(joint_pos)
+        )
         if offset is not None:
             origin = origin + (turned * constant(offset, joint_pos)[..., None, :]).sum(-1)
         return root_pos_w[..., None, :] + quat_rotate(root_quat_w[..., None, :], origin)
-
-    def _frames_of(self, joint_pos: Tensor) -> Tensor:
-        """Rotations and positions ``[*B, L, 3, 4]`` of all bodies in the root's frame, the root first.
-
-        Each body's frame is composed with that of its parent, then with that of the body two above, and so on: a few
-        operations on all bodies, as a GPU likes it.
-        """
-        fixed, sine, versine = (constant(values, joint_pos) for values in self._turning)
-        angle = joint_pos.index_select(-1, constant(self._joint_or_any, joint_pos.device))[..., None, None]
-        frames = fixed + angle.sin() * sine + (1 - angle.cos()) * versine
-        for above in self._above:
-            upper = frames.index_select(-3, constant(above, joint_pos.device))
-            turned = (upper[..., :3, None] * frames[..., None, :, :]).sum(-2)
-            frames = turned + torch.nn.functional.pad(upper[..., 3:], (3, 0))
-        return frames
 
     def __call__(self, root_pos_w: Tensor, root_quat_w: Tensor, joint_pos: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the poses of the selected bodies.
@@ -152,30 +133,3 @@ def _levels(chain: list[tuple[int, int, int]]) -> tuple[list[list[tuple[int, int
         levels.append([(body, row_of[parent], joint) for body, parent, joint in deepest[depth]])
         row_of.update({body: len(row_of) + number for number, (body, _, _) in enumerate(deepest[depth])})
     return levels, row_of
-
-
-def _turning(model: mujoco.MjModel, ids: list[int], joints: list[int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Matrices ``[1 + L, 3, 4]``: a body in its parent's frame at angle 0, and what sine and ``1 - cos`` of it add.
-
-    The first is the root's, the identity.
-    """
-    out = torch.zeros(3, 1 + len(ids), 3, 4)
-    out[0, 0, :, :3] = torch.eye(3)
-    for row, (body, joint) in enumerate(zip(ids, joints, strict=True), start=1):
-        turned = quat_to_matrix(torch.from_numpy(model.body_quat[body]))
-        out[0, row, :, :3], out[0, row, :, 3] = turned, torch.from_numpy(model.body_pos[body])
-        if joint < model.njnt - 1:
-            x, y, z = model.jnt_axis[joint + 1]
-            cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            out[1, row, :, :3], out[2, row, :, :3] = turned @ cross, turned @ cross @ cross
-    return out[0], out[1], out[2]
-
-
-def _ancestors(parents: list[int]) -> list[Tensor]:
-    """Rows of the bodies 1, 2, 4 .. above each, until all are the root."""
-    above = torch.tensor(parents)
-    found = []
-    while above.any():
-        found.append(above)
-        above = above[above]
-    return [*found, above]

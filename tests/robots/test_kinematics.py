@@ -1,6 +1,7 @@
 import torch
 
 from plat.robots import G1, ForwardKinematics
+from plat.rotations import quat_rotate
 
 
 def test_keypoints_come_in_the_robots_order():
@@ -11,18 +12,30 @@ def test_keypoints_come_in_the_robots_order():
     assert pos[left, 1] > pos[right, 1]
 
 
-def test_points_on_bodies_are_the_same_on_a_gpu(monkeypatch):
-    """There a body's frame is composed of those 1, 2, 4 .. bodies above, not of its parent's alone."""
+def test_points_on_bodies_are_where_their_poses_say():
     bodies = (*G1.keypoints, *G1.feet)
     kinematics = ForwardKinematics(G1, bodies)
     root_pos = torch.randn(2, 3, 3, dtype=torch.float64)
     root_quat = torch.nn.functional.normalize(torch.randn(2, 3, 4, dtype=torch.float64), dim=-1)
     joint_pos = torch.randn(2, 3, G1.num_joints, dtype=torch.float64)
-    for offset in (None, torch.randn(len(bodies), 3)):
-        wanted = kinematics.positions(root_pos, root_quat, joint_pos, offset)
-        with monkeypatch.context() as patched:
-            patched.setattr("plat.robots.kinematics.on_gpu", lambda tensor: True)
-            found = kinematics.positions(root_pos, root_quat, joint_pos, offset)
+    offset = torch.randn(len(bodies), 3)
+    pos, quat = kinematics(root_pos, root_quat, joint_pos)
+    torch.testing.assert_close(kinematics.positions(root_pos, root_quat, joint_pos), pos, rtol=0, atol=1e-6)
+    found = kinematics.positions(root_pos, root_quat, joint_pos, offset)
+    torch.testing.assert_close(found, pos + quat_rotate(quat, offset.double().expand_as(pos)), rtol=0, atol=1e-6)
+
+
+def test_positions_have_the_gradient_of_poses():
+    kinematics, twice = ForwardKinematics(G1), []
+    root_quat = torch.randn(5, 4, dtype=torch.float64)
+    pull = torch.randn(5, len(G1.keypoints), 3, dtype=torch.float64)
+    root_pos = torch.randn(5, 3)
+    for positions in (kinematics.positions, lambda *pose: kinematics(*pose)[0]):
+        pose = (root_pos, root_quat, torch.linspace(-1, 1, 145, dtype=torch.float64).view(5, 29))
+        pose = tuple(part.double().requires_grad_() for part in pose)
+        unit = torch.nn.functional.normalize(pose[1], dim=-1)
+        twice.append(torch.autograd.grad((pull * positions(pose[0], unit, pose[2])).sum(), pose))
+    for found, wanted in zip(*twice, strict=True):
         torch.testing.assert_close(found, wanted, rtol=0, atol=1e-6)
 
 
