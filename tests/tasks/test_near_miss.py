@@ -118,7 +118,7 @@ def test_keyframes_that_command_no_body_have_near_misses(library, commanded, aut
     for weight in (0.0, 2.0):
         config = TimedKeyframesConfig(chains=6, partial=1.0, tracking=TrackingCosts(miss=weight))
         task = TimedKeyframes(library, config, reset_noise=None)
-        task.parts[1] = torch.tensor(Parts.only(G1, **commanded).values(), dtype=torch.float32)
+        task.masks.table[1] = torch.tensor(Parts.only(G1, **commanded).values(), dtype=torch.float32)
         _, memory = task.authored(torch.tensor([0])) if authored else task.along(torch.tensor([5]))
         memory["parts"] = torch.tensor([1])
         if not authored:
