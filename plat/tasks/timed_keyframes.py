@@ -2,7 +2,7 @@
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from plat.bounds import Seed, check_value
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal, strided_offsets
@@ -63,6 +63,14 @@ class TimedKeyframes(Task):
         reset_noise: on the starting states; None starts on the reference.
         seed: draws the authored chains.
 
+    Attributes:
+        table: frames of the motions and authored keyframes (:class:`plat.tasks.PoseTable`).
+        line: between authored keyframes (:class:`plat.tasks.authored_line.AuthoredLine`).
+        chain_rows: which of them follow each other (:class:`plat.tasks.chain_rows.ChainRows`).
+        masks: what partial keyframes command (:class:`plat.tasks.keyframe_masks.KeyframeMasks`).
+        costs: of a step, a module of a state in the motion's world and the memory, which may be another one
+            (:class:`plat.tasks.keyframe_costs.KeyframeCosts`).
+
     Raises:
         PlatError: when motions or ``config.shortest`` do not fit the timing, or no chains can be drawn.
 
@@ -108,7 +116,7 @@ class TimedKeyframes(Task):
         self.chain_starts = FailureWeights(len(chains.family), config.uniform_starts)
         self.chain_rows = ChainRows(chains, frames).to(library.device)
         self.masks = KeyframeMasks(library.robot, chains, config.partial, seed).to(library.device)
-        self.costs = KeyframeCosts(
+        self.costs: nn.Module = KeyframeCosts(
             *(library.robot, config, self.timing.window),
             table=self.table,
             line=self.line,
@@ -234,7 +242,8 @@ class TimedKeyframes(Task):
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Distance ``[N]`` from the motion, or from the line to the keyframe, and in its window from the keyframe."""
-        return self.costs(on_motion(state, memory), memory)
+        cost: Tensor = self.costs(on_motion(state, memory), memory)
+        return cost
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.

@@ -185,3 +185,19 @@ def test_a_bent_line_pulls_as_strongly_as_configured(bent):
     assert float(task.cost(off, half) - task.cost(line, half)) == pytest.approx(expected, abs=2e-3)
     straight = half.copy().set("before", half["goal"])
     assert float(task.cost(task.table.state(half["goal"]), straight)) < 0.02
+
+
+def test_another_cost_takes_its_place(library):
+    class Dearer(torch.nn.Module):
+        def __init__(self, costs):
+            super().__init__()
+            self.costs = costs
+
+        def forward(self, state, memory):
+            return self.costs(state, memory) + 1.0
+
+    task = TimedKeyframes(library, TimedKeyframesConfig(chains=6))
+    state, memory = task.start(4)
+    usual = task.cost(state, memory)
+    task.costs = Dearer(task.costs)
+    torch.testing.assert_close(task.cost(state, memory), usual + 1.0)
