@@ -6,13 +6,14 @@ from plat.lazy import lazy
 
 if TYPE_CHECKING:
     from plat.objectives.divergence import gaussian_kl
-    from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+    from plat.objectives.dynamics import DynamicsLoss
     from plat.objectives.exploitation import ExploitationWatch
     from plat.objectives.graphed import GraphedLoss
     from plat.objectives.imagination import ImaginationLoss, LatentImaginationLoss
     from plat.objectives.imagination_learner import ImaginationLearner, exploring
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
     from plat.objectives.motor_gradient import motor_gradient
+    from plat.objectives.muon import hidden_matrices, muon_and_adam
     from plat.objectives.parallel_gradients import ParallelGradients
     from plat.objectives.ppo import PPO
     from plat.objectives.reference import ReferenceLoss
@@ -41,6 +42,7 @@ __all__ = [
     "exploring",
     "gaussian_kl",
     "has_fast_bfloat16",
+    "hidden_matrices",
     "motor_gradient",
     "muon_and_adam",
 ]

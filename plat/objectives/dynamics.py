@@ -1,12 +1,11 @@
-"""Loss of the learned dynamics model, and its optimizers."""
+"""Loss of the learned dynamics model."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import dispatch
-from torch import Tensor, nn
+from torch import Tensor
 from torchrl.objectives.common import LossModule
 
 from plat.bounds import NonNegative, check_value
@@ -17,7 +16,7 @@ from plat.modules.dynamics import DynamicsModel
 from plat.tasks.distances import smooth_angle
 from plat.tasks.disturbed import told_to_model
 
-__all__ = ["DynamicsLoss", "muon_and_adam"]
+__all__ = ["DynamicsLoss"]
 
 
 class DynamicsLoss(LossModule):
@@ -121,25 +120,3 @@ class DynamicsLoss(LossModule):
 
 def _mean_distance(predicted: Tensor, actual: Tensor) -> Tensor:
     return (predicted - actual).abs().mean()
-
-
-def muon_and_adam(network: nn.Sequential, muon_lr: float, adam_lr: float) -> list[torch.optim.Optimizer]:
-    """Return the optimizers of a network: Muon for its hidden matrices, Adam for its last layer and the biases.
-
-    Args:
-        network: layers in the order of the data.
-        muon_lr: learning rate of the matrices, whose every update has a spectral norm of about this.
-        adam_lr: learning rate of the rest.
-
-    Source: Jordan et al. 2024, "Muon: an optimizer for hidden layers in neural networks".
-
-    >>> from plat.modules import mlp
-    >>> [len(optimizer.param_groups[0]["params"]) for optimizer in muon_and_adam(mlp(4, (8, 8), 2), 4e-3, 1e-3)]
-    [2, 4]
-    """
-    matrices = [parameter for parameter in network.parameters() if parameter.ndim == 2][:-1]
-    others = [parameter for parameter in network.parameters() if all(parameter is not matrix for matrix in matrices)]
-    return [
-        torch.optim.Muon(matrices, lr=muon_lr, weight_decay=0.0),
-        torch.optim.Adam(others, lr=adam_lr, fused=True),
-    ]

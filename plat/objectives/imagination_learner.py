@@ -17,11 +17,12 @@ from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
-from plat.objectives.dynamics import DynamicsLoss, muon_and_adam
+from plat.objectives.dynamics import DynamicsLoss
 from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.finite import FiniteUpdates
 from plat.objectives.graphed import GraphedLoss
 from plat.objectives.imagination import ImaginationLoss
+from plat.objectives.muon import muon_and_adam
 from plat.objectives.parallel_gradients import ParallelGradients
 from plat.objectives.reference import ReferenceLoss
 from plat.objectives.settings import ImaginationConfig
@@ -124,7 +125,7 @@ class ImaginationLearner:
                 "imagination: the actor has none of the weights of the policy that learn, expected a view of the same "
                 "policy, such as its deployed()"
             )
-        self.policy_optimizer = torch.optim.Adam(learning, lr=config.lr, fused=True)
+        self.policy_optimizers = muon_and_adam(policy, config.policy_muon * config.lr, config.lr, learning)
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
         self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []
         device, static = model.mean.device, task.static and self.policy_loss.static
@@ -138,7 +139,7 @@ class ImaginationLearner:
         }
         read = [policy, model, *([] if self.critic is None else [self.critic])]
         self._gradients = ParallelGradients(graphed, read, processes)
-        self._rates = [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
+        self._rates = self._full_rates()
         self.iterations = 0
         """Iterations so far."""
         self.updates = 0
@@ -237,9 +238,10 @@ class ImaginationLearner:
         """Update the policy and its average by the gradient; return its norm, and whether it was of use."""
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.config.grad_norm)
         learns = self._finite["policy"].allow(norm)  # the gradient of an exploding imagined rollout is useless
-        if learns:
-            self.policy_optimizer.step()
-        self.policy_optimizer.zero_grad()
+        for optimizer in self.policy_optimizers:
+            if learns:
+                optimizer.step()
+            optimizer.zero_grad()
         self._move_average()
         return norm, learns
 
@@ -254,7 +256,10 @@ class ImaginationLearner:
             ours_buffer.copy_(theirs_buffer)
 
     def _optimizers(self) -> list[torch.optim.Optimizer]:
-        return [*self.model_optimizers, self.policy_optimizer, *self.critic_optimizers]
+        return [*self.model_optimizers, *self.policy_optimizers, *self.critic_optimizers]
+
+    def _full_rates(self) -> list[list[float]]:
+        return [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
 
     def _set_rates(self, fraction: float) -> None:
         config = self.config
@@ -283,14 +288,26 @@ class ImaginationLearner:
         self.model.load_state_dict(state["model"])
         if self.critic is not None:
             self.critic.load_state_dict(state["critic"])
-        for optimizer, values in zip(self._optimizers(), state["optimizers"], strict=True):
-            optimizer.load_state_dict(values)
+        self._load_optimizers(state["optimizers"])
         self.iterations = int(state["iterations"])
         before = max(0, self.iterations - self.config.warmup) * self.config.policy_updates
         self.updates = int(state.get("updates", before))  # not in checkpoints of an older plat
         self.watch.load_state_dict(state.get("watch", {"costs": []}))  # nor is this
         for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
             self._finite[what].in_a_row = int(in_a_row)
+
+    def _load_optimizers(self, states: list[dict[str, Any]]) -> None:
+        if len(states) == len(self._optimizers()) - 1 and len(self.policy_optimizers) == 2:
+            # a run that was begun with Adam alone, as every one of an older plat, goes on with it
+            learning = [parameter for parameter in self.policy.parameters() if parameter.requires_grad]
+            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.config.lr, learning)
+            self._rates = self._full_rates()
+        if len(states) != len(self._optimizers()):
+            raise ConfigError(
+                "imagination: policy_muon is 0, expected more than 0, as this run was begun with Muon for its policy"
+            )
+        for optimizer, values in zip(self._optimizers(), states, strict=True):
+            optimizer.load_state_dict(values)
 
 
 class _Critic(nn.Module):

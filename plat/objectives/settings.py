@@ -110,6 +110,8 @@ class ImaginationConfig(Bounded):
     """weight of its squared change"""
     lr: Positive = 1e-3
     """Adam's learning rate for policy and critic"""
+    policy_muon: NonNegative = 5.0
+    """Muon's rate for the policy's hidden matrices, in Adam's; 0 for Adam"""
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start

@@ -82,14 +82,6 @@ def test_randomized_robots_are_told_of_by_an_entry_that_is_read(library):
     assert loss(data)["loss_dynamics"] == told
 
 
-def test_the_last_layer_is_adams():
-    network = DynamicsModel(G1, DynamicsConfig(hidden=(8, 8))).network
-    muon, adam = muon_and_adam(network, 1e-3, 1e-3)
-    shapes = [tuple(parameter.shape) for parameter in muon.param_groups[0]["params"]]
-    assert shapes == [(8, 97), (8, 8)]
-    assert len(adam.param_groups[0]["params"]) == 4
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

@@ -114,7 +114,9 @@ def test_rates_fall_in_the_second_half(setting):
     simulate()
     for fraction, share in ((0.2, 1.0), (0.5, 1.0), (0.75, 0.55), (1.0, 0.1)):
         learner.step(replay, fraction)
-        assert learner.policy_optimizer.param_groups[0]["lr"] == pytest.approx(1e-3 * share)
+        muon, adam = learner.policy_optimizers
+        assert muon.param_groups[0]["lr"] == pytest.approx(5e-3 * share)
+        assert adam.param_groups[0]["lr"] == pytest.approx(1e-3 * share)
         assert learner.model_optimizers[0].param_groups[0]["lr"] == pytest.approx(4e-3 * share)
 
 
@@ -139,6 +141,30 @@ def test_it_goes_on_from_its_state(setting):
     assert results[0][0] == results[1][0]
     for ours, theirs in zip(results[0][1:], results[1][1:], strict=True):
         assert all(ours[name].equal(theirs[name]) for name in ours)
+
+
+def test_a_run_that_was_begun_with_adam_alone_goes_on_with_it(setting):
+    learner, replay, simulate = setting
+    simulate()
+
+    def learner_of(policy_muon):
+        expert, model = copy.deepcopy(learner.policy), copy.deepcopy(learner.model)
+        config = replace(learner.config, policy_muon=policy_muon)
+        return ImaginationLearner(expert, expert.deployed(), model, learner.policy_loss.task, config)
+
+    before, after = learner_of(0.0), learner_of(5.0)
+    for _ in range(2):
+        before.step(replay)
+    after.load_state_dict(copy.deepcopy(before.state_dict()))
+    assert [type(optimizer) for optimizer in after.policy_optimizers] == [torch.optim.Adam]
+    results = []
+    for each in (before, after):
+        torch.manual_seed(5)
+        results.append((each.step(replay, 0.75), weights(each.policy)))
+    assert results[0][0] == results[1][0]
+    assert all(results[0][1][name].equal(value) for name, value in results[1][1].items())
+    with pytest.raises(ConfigError, match="policy_muon is 0, expected more than 0"):
+        before.load_state_dict(learner.state_dict())
 
 
 def test_a_critic_learns_what_is_to_come(library):
