@@ -86,11 +86,9 @@ def learn(
     inputs = run_inputs(library, init=init, init_model=start)
     if start is not None:
         model = start
-        # it knows the robot, and needs to see only what the new task makes of it
-        if settings.warmup == type(settings).warmup:
-            settings = replace(settings, warmup=8)
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
+    settings = settings.going_on(model=start is not None, policy=init is not None)
     task = make_task(library)
     learner = ImaginationLearner(
         policy,

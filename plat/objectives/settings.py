@@ -1,7 +1,7 @@
 """Hyperparameters, apart from the updates so that a command line can show them without torch."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, TypeAlias
 
 from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, Positive, Range
 from plat.errors import ConfigError
@@ -88,8 +88,8 @@ class ImaginationConfig(Bounded):
     """control steps that the model predicts autoregressively"""
     model_lr: Positive = 1e-3
     """Adam's learning rate for the model's last layer and biases"""
-    muon_lr: Positive = 4e-3
-    """Muon's learning rate for the model's other matrices"""
+    muon_lr: Positive = 1e-2
+    """Muon's learning rate for its other matrices; by default 0.004 with --init-model"""
     policy_updates: Count = 4
     """updates of the policy per iteration"""
     policy_batch: Count = 512
@@ -108,10 +108,10 @@ class ImaginationConfig(Bounded):
     """weight of the squared action, or of an expert's squared residual"""
     rate: NonNegative = 0.02
     """weight of its squared change"""
-    lr: Positive = 1e-3
-    """Adam's learning rate for policy and critic"""
-    policy_muon: NonNegative = 5.0
-    """Muon's rate for the policy's hidden matrices, in Adam's; 0 for Adam"""
+    lr: Positive = 2e-3
+    """Adam's learning rate for policy and critic; by default 0.001 for a trained policy"""
+    policy_muon: NonNegative = 10.0
+    """Muon's rate for hidden matrices, in Adam's; 0 is Adam, the default for a trained policy"""
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
@@ -126,3 +126,19 @@ class ImaginationConfig(Bounded):
     """fraction of the learning rates that is left at the end of the budget"""
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
+
+    def going_on(self, *, model: bool, policy: bool) -> "ImaginationConfig":
+        """Return settings for what is trained already: where they have their default, some that change it less.
+
+        Args:
+            model: whether the model is trained.
+            policy: whether the policy is.
+
+        >>> ImaginationConfig(lr=5e-4).going_on(model=True, policy=False).warmup
+        8
+        """
+        # a trained model knows the robot, and needs to see only what the new task makes of it
+        slower: dict[str, Any] = {"warmup": 8, "muon_lr": 4e-3} if model else {}
+        slower |= {"lr": 1e-3, "policy_muon": 0.0} if policy else {}
+        fresh = vars(ImaginationConfig())
+        return replace(self, **{name: value for name, value in slower.items() if vars(self)[name] == fresh[name]})

@@ -277,18 +277,34 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
     assert finished["seconds"] < float(row["seconds"]) + 0.5
 
 
-@pytest.mark.parametrize(("given", "used"), [(10, 10), (2, 2), (40, 8)])
-def test_a_model_that_knows_the_robot_learns_alone_for_as_long_as_is_said(tmp_path, monkeypatch, given, used):
+TRAINED: dict[str, tuple[list[object], tuple[float, ...]]] = {
+    "nothing": ([], (40, 1e-2, 2e-3, 10.0)),
+    "a model": (["--init-model", "expert-model-g1"], (8, 4e-3, 2e-3, 10.0)),
+    "a policy": (["--init", "imagined-g1"], (40, 1e-2, 1e-3, 0.0)),
+    "both": (["--init", "imagined-g1", "--init-model", "expert-model-g1"], (8, 4e-3, 1e-3, 0.0)),
+}
+
+
+@pytest.mark.parametrize("given", [(), (10, 2e-3, 5e-4, 5.0)])
+@pytest.mark.parametrize("trained", TRAINED)
+def test_what_is_trained_already_is_changed_less(tmp_path, monkeypatch, trained, given):
     class SeenError(Exception):
         pass
 
     def learner(policy, actor, model, task, config, **rest):
-        raise SeenError(config.warmup)
+        raise SeenError((config.warmup, config.muon_lr, config.lr, config.policy_muon))
 
     monkeypatch.setattr(learning, "ImaginationLearner", learner)
-    arguments = [*QUICK, "--imagination.warmup", given, "--init-model", "expert-model-g1", "--out", tmp_path / "run"]
-    with pytest.raises(SeenError, match=f"^{used}$"):
-        main(["imagine", *map(str, arguments)])
+    flags, used = TRAINED[trained]
+    names = ("warmup", "muon-lr", "lr", "policy-muon")
+    told = [word for name, value in zip(names, given, strict=False) for word in (f"--imagination.{name}", value)]
+    brief = [
+        *("--motions", "generated:val@8", "--unseen", "--steps", 64),
+        *("--task.chains", 3, "--task.families", "arms"),
+    ]
+    with pytest.raises(SeenError) as seen:
+        main(["imagine", *map(str, [*brief, *flags, *told, "--out", tmp_path / "run"])])
+    assert seen.value.args[0] == (given or used)
 
 
 @pytest.mark.parametrize("recipe", ["imagine", "expert-model", "refine-model"])
