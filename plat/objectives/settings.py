@@ -88,7 +88,7 @@ class ImaginationConfig(Bounded):
     """control steps that the model predicts autoregressively"""
     model_lr: Positive = 1e-3
     """Adam's learning rate for the model's last layer and biases"""
-    muon_lr: Positive = 1e-2
+    muon_lr: Positive = 1.5e-2
     """Muon's learning rate for its other matrices; by default 0.004 with --init-model"""
     policy_updates: Count = 4
     """updates of the policy per iteration"""
@@ -116,7 +116,7 @@ class ImaginationConfig(Bounded):
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
     """decay of the moving average of the policy's weights, which is saved; less at first"""
-    warmup: Natural = 40
+    warmup: Natural = 20
     """warm-up iterations, in which only the model learns; the default is 8 with --init-model"""
     settle: Natural = 400
     """iterations before normalizers are frozen; those of a loaded model count"""

@@ -278,9 +278,9 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
 
 
 TRAINED: dict[str, tuple[list[object], tuple[float, ...]]] = {
-    "nothing": ([], (40, 1e-2, 2e-3, 10.0)),
+    "nothing": ([], (20, 1.5e-2, 2e-3, 10.0)),
     "a model": (["--init-model", "expert-model-g1"], (8, 4e-3, 2e-3, 10.0)),
-    "a policy": (["--init", "imagined-g1"], (40, 1e-2, 1e-3, 0.0)),
+    "a policy": (["--init", "imagined-g1"], (20, 1.5e-2, 1e-3, 0.0)),
     "both": (["--init", "imagined-g1", "--init-model", "expert-model-g1"], (8, 4e-3, 1e-3, 0.0)),
 }
 
