@@ -44,6 +44,7 @@ class DynamicsLoss(LossModule):
 
     Source: SuperTrack (Fussell et al. 2021), section 4.
 
+    >>> import torch
     >>> from plat.robots import G1
     >>> state = torch.nn.functional.pad(torch.ones(2, 5, 1), (3, 67))  # two windows of four steps
     >>> windows = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])

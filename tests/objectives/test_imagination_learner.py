@@ -115,9 +115,9 @@ def test_rates_fall_in_the_second_half(setting):
     for fraction, share in ((0.2, 1.0), (0.5, 1.0), (0.75, 0.55), (1.0, 0.1)):
         learner.step(replay, fraction)
         muon, adam = learner.policy_optimizers
-        assert muon.param_groups[0]["lr"] == pytest.approx(5e-3 * share)
-        assert adam.param_groups[0]["lr"] == pytest.approx(1e-3 * share)
-        assert learner.model_optimizers[0].param_groups[0]["lr"] == pytest.approx(4e-3 * share)
+        assert muon.param_groups[0]["lr"] == pytest.approx(2e-2 * share)
+        assert adam.param_groups[0]["lr"] == pytest.approx(2e-3 * share)
+        assert learner.model_optimizers[0].param_groups[0]["lr"] == pytest.approx(1.5e-2 * share)
 
 
 def test_it_goes_on_from_its_state(setting):
