@@ -119,7 +119,7 @@ class ImaginationLearner:
         )
         self.policy_loss.set_keys(effort=effort)
         self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
-        learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+        self._learning = learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         if {*map(id, learning)}.isdisjoint(map(id, actor.parameters())):
             raise ConfigError(
                 "imagination: the actor has none of the weights of the policy that learn, expected a view of the same "
@@ -299,8 +299,7 @@ class ImaginationLearner:
     def _load_optimizers(self, states: list[dict[str, Any]]) -> None:
         if len(states) == len(self._optimizers()) - 1 and len(self.policy_optimizers) == 2:
             # a run that was begun with Adam alone, as every one of an older plat, goes on with it
-            learning = [parameter for parameter in self.policy.parameters() if parameter.requires_grad]
-            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.config.lr, learning)
+            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.config.lr, self._learning)
             self._rates = self._full_rates()
         if len(states) != len(self._optimizers()):
             raise ConfigError(

@@ -117,7 +117,9 @@ class TimedKeyframes(Task):
         self.chain_rows = ChainRows(chains, frames).to(library.device)
         self.masks = KeyframeMasks(library.robot, chains, config.partial, seed).to(library.device)
         self.costs: nn.Module = KeyframeCosts(
-            *(library.robot, config, self.timing.window),
+            library.robot,
+            config,
+            self.timing.window,
             table=self.table,
             line=self.line,
             chains=self.chain_rows,
@@ -275,10 +277,8 @@ class TimedKeyframes(Task):
             off = off_pose(robots, poses, self.robot, TerminationLimits())
             apart = distances(robots, poses, self._commanded(memory[rows]))
             chain = self.chain_rows.chain(goal[rows])
-            unreached = (
-                ~apart.near(ReachLimits(), self.chain_rows.reached_within[chain]) & ~self.chain_rows.roams[chain]
-            )
-            out[rows] = torch.where(authored[rows], unreached, off)
+            reached = apart.near(ReachLimits(), self.chain_rows.reached_within[chain]) | self.chain_rows.roams[chain]
+            out[rows] = torch.where(authored[rows], ~reached, off)
         return out
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:

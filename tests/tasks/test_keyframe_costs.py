@@ -8,24 +8,12 @@ from plat.robots import G1, ForwardKinematics
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.tasks import AuthoredCosts, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
 from plat.tasks.balance import Balance
+from tests.tasks.keyframe_tasks import bent_task, kicked, line_of, play, whole_task
 
 
 @pytest.fixture(scope="module")
 def task(library):
-    return TimedKeyframes(library, TimedKeyframesConfig(chains=12), reset_noise=None)
-
-
-def line_of(task, memory):
-    return task.line.state(task.line.way(memory))
-
-
-def play(task, memory, steps):
-    """Memories while nobody moves, command after command."""
-    action = torch.zeros(len(memory["goal"]), 29)
-    for _ in range(steps):
-        memory = task.advance(memory, action)
-        memory = task.renew(memory, task.table.state(memory["goal"]))
-        yield memory
+    return whole_task(library)
 
 
 def test_on_the_line_only_moderation_is_charged(task):
@@ -118,18 +106,6 @@ def test_in_its_window_a_keyframe_costs_more(task):
     assert difference == pytest.approx(3.0 * 0.2 + 2.0 * 0.01, abs=1e-3)
 
 
-def kicked(task, by=0.8):
-    """A robot on its motion but for the left hip, and its memory at the arrival of a keyframe."""
-    _, memory = task.along(torch.tensor([5]))
-    state = task.table.state(memory["frame"])
-    off = torch.zeros(task.robot.num_joints)
-    off[task.robot.joint_names.index("left_hip_pitch")] = by
-    arrival = memory.copy().set("steps_left", torch.tensor([0])).set("goal", memory["frame"])
-    if task.partial:
-        arrival["parts"] = torch.tensor([0])
-    return state._replace(joint_pos=state.joint_pos - off), arrival
-
-
 @pytest.mark.parametrize("partial", [0.0, 0.5])
 def test_in_the_window_of_a_whole_keyframe_end_effectors_cost(library, partial):
     costs = []
@@ -161,14 +137,7 @@ def test_the_line_may_pull_at_nothing_before_the_window(library, partial):
 
 @pytest.fixture(scope="module")
 def bent(library):
-    """A task, and its memory at the begin of a command whose straight line leads through the robot itself."""
-    config = TimedKeyframesConfig(chains=40, families=("reach",), partial=1.0)
-    task = TimedKeyframes(library, config, reset_noise=None, seed=5)
-    row = int((task.chains.middle_row >= 0).nonzero()[0, 0])
-    _, memory = task.authored(task.chains.chain[[row]])
-    memory["before"], memory["goal"] = (task.chain_rows.first_row[:1] + (row - less) for less in (1, 0))
-    memory["steps_left"], memory["length"] = torch.tensor([30]), torch.tensor([30])
-    return task, memory, task.chains.middle[task.chains.middle_row[row]]
+    return bent_task(library)
 
 
 def test_a_bent_line_pulls_as_strongly_as_configured(bent):

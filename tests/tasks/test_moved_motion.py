@@ -3,37 +3,14 @@ import torch
 from tensordict import TensorDict
 
 from plat.envs import GeneralizedState
-from plat.robots import G1
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate, quat_yaw
-from plat.spec.parts import Parts
-from plat.spec.timing import Timing
-from plat.tasks import TimedKeyframes, TimedKeyframesConfig
 from plat.tasks.moved_motion import on_motion
+from tests.tasks.keyframe_tasks import command, partial_task
 
 
 @pytest.fixture(scope="module")
 def task(library):
-    config = TimedKeyframesConfig(chains=40, partial=1.0)
-    return TimedKeyframes(library, config, timing=Timing(max_steps=150), reset_noise=None)
-
-
-def row_of(task, **names):
-    """The row of a mask, put in the task's table."""
-    task.masks.table[1] = torch.tensor(Parts.only(G1, **names).values(), dtype=torch.float32)
-    return torch.tensor([1])
-
-
-def command(task, steps_left=10, authored=False, **names):
-    """A robot on its motion with a partial keyframe to come."""
-    _, memory = task.along(torch.tensor([5]))
-    memory["frame"], memory["steps_left"], memory["length"] = (
-        torch.tensor([5]),
-        torch.tensor([steps_left]),
-        torch.tensor([30]),
-    )
-    memory["goal"] = torch.tensor([5 + steps_left])
-    memory["parts"] = row_of(task, **names)
-    return task.table.state(memory["frame"]), memory
+    return partial_task(library)
 
 
 def turned_away(state: GeneralizedState) -> GeneralizedState:

@@ -7,24 +7,12 @@ from plat.envs import GeneralizedState
 from plat.errors import PlatError
 from plat.spec.timing import Timing
 from plat.tasks import TimedKeyframes, TimedKeyframesConfig
+from tests.tasks.keyframe_tasks import bent_task, kicked, line_of, partial_task, play, whole_task
 
 
 @pytest.fixture(scope="module")
 def task(library):
-    return TimedKeyframes(library, TimedKeyframesConfig(chains=12), reset_noise=None)
-
-
-def line_of(task, memory):
-    return task.line.state(task.line.way(memory))
-
-
-def play(task, memory, steps):
-    """Memories while nobody moves, command after command."""
-    action = torch.zeros(len(memory["goal"]), 29)
-    for _ in range(steps):
-        memory = task.advance(memory, action)
-        memory = task.renew(memory, task.table.state(memory["goal"]))
-        yield memory
+    return whole_task(library)
 
 
 def test_a_chain_is_commanded_in_order_and_then_held(task):
@@ -50,18 +38,6 @@ def test_whoever_is_sent_too_far_too_often_may_be_left_behind(task):
         state = line_of(task, memory)
         away = state._replace(root_pos_w=state.root_pos_w + torch.tensor([3.0, 0.0, 0.0]))
         assert bool(task.failed(away, memory)) == behind
-
-
-def kicked(task, by=0.8):
-    """A robot on its motion but for the left hip, and its memory at the arrival of a keyframe."""
-    _, memory = task.along(torch.tensor([5]))
-    state = task.table.state(memory["frame"])
-    off = torch.zeros(task.robot.num_joints)
-    off[task.robot.joint_names.index("left_hip_pitch")] = by
-    arrival = memory.copy().set("steps_left", torch.tensor([0])).set("goal", memory["frame"])
-    if task.partial:
-        arrival["parts"] = torch.tensor([0])
-    return state._replace(joint_pos=state.joint_pos - off), arrival
 
 
 def test_a_keyframe_is_missed_with_a_foot_too_high(task):
@@ -154,14 +130,7 @@ def test_motions_have_the_control_step_of_the_timing(library):
 
 @pytest.fixture(scope="module")
 def bent(library):
-    """A task, and its memory at the begin of a command whose straight line leads through the robot itself."""
-    config = TimedKeyframesConfig(chains=40, families=("reach",), partial=1.0)
-    task = TimedKeyframes(library, config, reset_noise=None, seed=5)
-    row = int((task.chains.middle_row >= 0).nonzero()[0, 0])
-    _, memory = task.authored(task.chains.chain[[row]])
-    memory["before"], memory["goal"] = (task.chain_rows.first_row[:1] + (row - less) for less in (1, 0))
-    memory["steps_left"], memory["length"] = torch.tensor([30]), torch.tensor([30])
-    return task, memory, task.chains.middle[task.chains.middle_row[row]]
+    return bent_task(library)
 
 
 def test_a_bent_line_passes_the_pose_midway(bent):
@@ -208,8 +177,7 @@ def test_authored_keyframes_are_missed_by_the_thresholds_of_evaluation(library, 
 
 @pytest.fixture(scope="module")
 def distant(library):
-    config = TimedKeyframesConfig(chains=40, partial=1.0)
-    return TimedKeyframes(library, config, timing=Timing(max_steps=150), reset_noise=None)
+    return partial_task(library)
 
 
 def test_commands_along_motions_are_usual_or_distant(distant):
