@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plat.collectors import Rollouts
-from plat.collectors.worker import packed
+from plat.collectors.packing import packed
 from plat.envs import TrackingTaskConfig, make_tracking_env
 from plat.modules import Expert
 from plat.motions import MotionLibrary, generate_motions

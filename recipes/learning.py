@@ -70,6 +70,7 @@ def learn(
         loss: the policy's loss.
         reference_updates: updates of a new policy toward the task's reference in each warm-up iteration.
     """
+    recipe = replace(recipe, imagination=recipe.with_rates())
     device, settings = recipe.device, recipe.imagination
     if settings.window >= (kept := _multiple(recipe.replay, recipe.rollout)):  # a window begins with a state more
         raise ConfigError(f"--imagination.window {settings.window}: expected less than the {kept} steps of --replay")
@@ -88,7 +89,6 @@ def learn(
         model = start
     else:
         model = DynamicsModel(library.robot, recipe.model, library.dt, num_parameters).to(device)
-    settings = settings.going_on(model=start is not None, policy=init is not None)
     task = make_task(library)
     learner = ImaginationLearner(
         policy,
@@ -99,17 +99,18 @@ def learn(
         effort=effort,
         loss=loss,
         reference_updates=reference_updates,
-        processes=recipe.processes,
+        overlap=recipe.overlap,
     )
     replay = RolloutReplay(
         recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
     )
     budget = Budget(recipe.minutes, recipe.steps)
+    workers = max(recipe.workers, int(recipe.overlap))
     source = collect(
         # a worker makes a task of its own: this one is full of tables
         partial(
             simulated_task,
-            make_task if recipe.workers else lambda motions: task,
+            make_task if workers else lambda motions: task,
             randomization=robot_ranges(recipe.disturbed),
             physics=get_physics(recipe.physics),
         ),
@@ -119,7 +120,7 @@ def learn(
         recipe.rollout,
         settings.precision,
         device=device,
-        workers=recipe.workers,
+        workers=workers,
         ray=recipe.ray,
         ahead=True,
     )

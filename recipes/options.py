@@ -1,7 +1,7 @@
 """Settings of the recipes, apart from what runs so that help texts need no torch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -250,8 +250,8 @@ class ImaginationRecipe(RecipeConfig):
     """control steps of each robot that are kept"""
     save_replay: bool = True
     """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
-    processes: Count = 1
-    """processes that compute gradients at once, on CPUs, each of a batch"""
+    overlap: bool = False
+    """simulate, and learn the model, in processes beside the policy's (on a CPU)"""
     disturbed: Fraction = 0.0
     """strength of randomized physics, delays, pushes, noise, estimator errors; 1 for all of it"""
     unseen: tuple[str, ...] = ("generated:val@120",)
@@ -259,8 +259,20 @@ class ImaginationRecipe(RecipeConfig):
     model: DynamicsConfig = field(default_factory=DynamicsConfig)
     imagination: ImaginationConfig = field(default_factory=ImaginationConfig)
 
+    def goes_on(self) -> bool:
+        """Whether it goes on from a policy that is trained already."""
+        return getattr(self, "init", None) is not None
+
+    def with_rates(self) -> ImaginationConfig:
+        """Return the settings of learning with all their rates, which depend on what is trained already."""
+        rates = self.imagination.rates(model=self.init_model is not None, policy=self.goes_on())
+        return replace(self.imagination, **rates._asdict())
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.overlap and self.physics == "warp":
+            what = f"{type(self).__name__}: overlap is True, and physics 'warp' is on one device"
+            raise ConfigError(f"{what}: expected overlap to be False")
         settings = self.imagination
         if not settings.critic:
             check_idle(self, "imagination", ("lost_cost",), "without imagination.critic nobody is told of it")
@@ -332,6 +344,10 @@ class RefineModelRecipe(ImaginationRecipe):
     """latent: residual in the latent; action: residual on the action; finetune: all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
     task: TimedKeyframesConfig = field(default_factory=TimedKeyframesConfig)
+
+    def goes_on(self) -> bool:
+        """Whether it goes on from a policy that is trained already: its student is."""
+        return True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,6 +14,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.batched_envs import BatchedEnvBase
 
 from plat.bounds import Count, check_value
+from plat.collectors.packing import as_bytes, unpacked
 from plat.entries import check_policy
 from plat.envs.transforms import pop_statistics
 from plat.errors import StateError
@@ -81,12 +82,13 @@ class Rollouts(Iterator[TensorDictBase]):
         return state_of(self._collector)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restore a state of :meth:`state_dict`.
+        """Restore a state of :meth:`state_dict`, or that of one worker.
 
         Raises:
-            StateError: when it is of another number of robots, of another model, or of worker processes.
+            StateError: when it is of another number of robots, of another model, or of several worker processes.
         """
-        restore(self._collector, state)
+        of_workers = state.get("workers", ())
+        restore(self._collector, unpacked(as_bytes(of_workers[0])) if len(of_workers) == 1 else state)
 
     def close(self) -> None:
         """Close environments side by side: a program does not end before the processes of a ``ParallelEnv`` have.
@@ -145,7 +147,12 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
     base.load_state_dict(state["robots"])
     if base is not env:
         env.load_state_dict(state["transforms"])
-    observation = TensorDict(state["observation"], env.batch_size, device=env.device)
+    # numbers of its own, which a collector in a worker has and one in this process has not
+    own = carrier.get("collector", None)
+    seen = {"collector": own, **state["observation"]}
+    if own is None:
+        del seen["collector"]
+    observation = TensorDict(seen, env.batch_size, device=env.device)
     collector._carrier = observation if carrier.device is not None else observation.clear_device_()
 
 

@@ -1,13 +1,12 @@
 """What runs inside a worker: its environment and policy, made of a job, and a collector that takes orders."""
 
-import io
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import cloudpickle
 import numpy as np
@@ -19,12 +18,13 @@ from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
 
 from plat import errors
+from plat.collectors.packing import packed, unpacked
 from plat.collectors.rollouts import ActingPolicy, gathered, restore, state_of
 from plat.errors import PlatError
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
 
-__all__ = ["Content", "Job", "Order", "Report", "WorkerCollector", "in_folder", "packed", "seed_of", "unpacked"]
+__all__ = ["Content", "Job", "Order", "Report", "WorkerCollector", "in_folder", "seed_of"]
 
 _LIBRARY, _PARTS = "motions.pt", "parts.pickle"
 
@@ -186,15 +186,3 @@ def seed_of(seed: int, number: int) -> int:
     100
     """
     return int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0] >> 1)
-
-
-def packed(values: Mapping[str, Any]) -> bytes:
-    """Return values as bytes, which pass through any pipe."""
-    file = io.BytesIO()
-    torch.save(dict(values), file)
-    return file.getvalue()
-
-
-def unpacked(data: bytes) -> dict[str, Any]:
-    """Return the values of :func:`packed`."""
-    return torch.load(io.BytesIO(data), weights_only=True)

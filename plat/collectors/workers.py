@@ -12,9 +12,10 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.bounds import Count, check_value
 from plat.collectors.hosts import EnvFactory, Host, Processes, RemoteCollector
+from plat.collectors.packing import as_bytes, as_tensor, packed, unpacked
 from plat.collectors.ray_actors import RayActors
 from plat.collectors.rollouts import Rollouts
-from plat.collectors.worker import Job, Order, Report, packed, seed_of
+from plat.collectors.worker import Job, Order, Report, seed_of
 from plat.entries import check_policy
 from plat.envs.physics.transfer import to_device
 from plat.errors import ConfigError, StateError, WorkerError
@@ -78,14 +79,15 @@ class WorkerRollouts(Iterator[TensorDictBase]):
     A worker that ends, of whatever cause, is started again in the state before the rollout that it was in. So that
     rollout is the same as without the accident. A run's state holds that of all workers.
 
-    One worker draws from the caller's random stream, so its rollouts are those of :class:`Rollouts`, bit by bit.
+    One worker that does not simulate ahead draws from the caller's random stream, so its rollouts are those of
+    :class:`Rollouts`, bit by bit.
 
     Args:
         make_env, library, num_envs, policy, steps, precision: as for :func:`collect`.
         device: of the rollouts. Workers compute on the CPU.
         workers: number of processes W, at most N.
         ahead: the workers simulate the next rollout while the caller learns from this one. Their weights are then one
-            update old, which only off-policy learning allows. One worker never simulates ahead.
+            update old, which only off-policy learning allows, and leave a CPU to the caller.
         ray: workers run on a Ray cluster, see :class:`plat.collectors.ray_actors.RayActors`.
         host: where else they run; None for processes on this machine.
 
@@ -124,7 +126,9 @@ class WorkerRollouts(Iterator[TensorDictBase]):
             )
         self._policy = policy
         self._device = check_device(device)
-        self._ahead = ahead and workers > 1
+        self._ahead = ahead
+        self._in_step = workers == 1 and not ahead
+        """Whether the one worker draws from the caller's random stream."""
         self._statistics: list[tuple[int, dict[str, float]]] = []
         self._host = host or (RayActors() if ray else Processes())
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="plat-worker")
@@ -142,8 +146,8 @@ class WorkerRollouts(Iterator[TensorDictBase]):
                     number=number,
                     num_envs=size,
                     steps=steps,
-                    num_threads=self._host.threads(workers),
-                    random=seed_of(torch.initial_seed(), number) if workers > 1 else torch.get_rng_state(),
+                    num_threads=self._host.threads(workers + ahead),
+                    random=torch.get_rng_state() if self._in_step else seed_of(torch.initial_seed(), number),
                     errors=self._host.errors,
                 )
                 for number, size in enumerate(sizes)
@@ -152,7 +156,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
             self._states: list[bytes | None] = [None] * workers
             reports = list(self._pool.map(self._first, range(workers)))
             self._states = [report.state for report in reports]
-            if workers == 1:
+            if self._in_step:
                 torch.set_rng_state(reports[0].random)
         except BaseException:
             self.close()
@@ -209,7 +213,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         self._states = [report.state for report in reports]
         shares = [job.num_envs for job in self._jobs]
         self._statistics += [(share, report.statistics) for share, report in zip(shares, reports, strict=True)]
-        if len(reports) == 1:
+        if self._in_step:
             torch.set_rng_state(reports[0].random)
         if self._ahead:
             self._send()
@@ -219,7 +223,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
     def _send(self) -> None:
         """Let all workers begin the next rollout, with the weights as they are."""
         weights = packed({name: value.detach().cpu() for name, value in self._policy.state_dict().items()})
-        self._begin(Order(weights, torch.get_rng_state() if len(self._jobs) == 1 else None))
+        self._begin(Order(weights, torch.get_rng_state() if self._in_step else None))
 
     def _begin(self, order: Order) -> None:
         self._order = order
@@ -235,9 +239,9 @@ class WorkerRollouts(Iterator[TensorDictBase]):
 
         Of a rollout that is simulated ahead it holds the weights, so that it can be simulated once more.
         """
-        state: dict[str, Any] = {"workers": [_as_tensor(state) for state in self._states if state is not None]}
+        state: dict[str, Any] = {"workers": [as_tensor(state) for state in self._states if state is not None]}
         if self._pending and self._order is not None:
-            state["weights"] = _as_tensor(self._order.weights)
+            state["weights"] = as_tensor(self._order.weights)
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -247,6 +251,9 @@ class WorkerRollouts(Iterator[TensorDictBase]):
             StateError: when it is of another number of workers or robots.
         """
         states = state.get("workers", ())
+        if "robots" in state and len(self._jobs) == 1:  # of robots that were simulated where they learned
+            random = unpacked(self._states[0])["random"] if self._states[0] else torch.get_rng_state()
+            states = [as_tensor(packed({**state, "random": random}))]
         if len(states) != len(self._jobs):
             raise StateError(
                 f"rollouts: a state of {counted(len(states), 'worker') if states else 'no workers'}, "
@@ -255,10 +262,10 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         for future in self._pending:
             future.result()
         self._pending = []
-        self._states = [_as_bytes(value) for value in states]
+        self._states = [as_bytes(value) for value in states]
         list(self._pool.map(self._resume, range(len(states))))
         if "weights" in state:
-            self._begin(Order(_as_bytes(state["weights"]), None))
+            self._begin(Order(as_bytes(state["weights"]), None))
 
     def _resume(self, number: int) -> None:
         self._kept(number, lambda worker: worker.call("resume", self._states[number]))
@@ -314,11 +321,3 @@ def _merged(gathered: Sequence[tuple[int, Mapping[str, float]]]) -> dict[str, fl
             totals[name] = totals.get(name, 0.0) + value * (1 if name == "broken" else share)
             shares[name] = shares.get(name, 0) + share
     return {name: total if name == "broken" else total / shares[name] for name, total in totals.items()}
-
-
-def _as_tensor(data: bytes) -> torch.Tensor:
-    return torch.frombuffer(bytearray(data), dtype=torch.uint8)
-
-
-def _as_bytes(data: torch.Tensor) -> bytes:
-    return data.cpu().numpy().tobytes()

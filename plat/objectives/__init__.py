@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from plat.objectives.imagination import ImaginationLoss, LatentImaginationLoss
     from plat.objectives.imagination_learner import ImaginationLearner, exploring
     from plat.objectives.imitation import ImitationLoss, LatentImitationLoss
+    from plat.objectives.model_updates import ModelUpdates, ModelUpdatesBeside
     from plat.objectives.motor_gradient import motor_gradient
     from plat.objectives.muon import hidden_matrices, muon_and_adam
-    from plat.objectives.parallel_gradients import ParallelGradients
     from plat.objectives.ppo import PPO
     from plat.objectives.reference import ReferenceLoss
     from plat.objectives.settings import ImaginationConfig, MotorGradientConfig, PPOConfig
@@ -33,9 +33,10 @@ __all__ = [
     "ImitationLoss",
     "LatentImaginationLoss",
     "LatentImitationLoss",
+    "ModelUpdates",
+    "ModelUpdatesBeside",
     "MotorGradientConfig",
     "PPOConfig",
-    "ParallelGradients",
     "Precision",
     "ReferenceLoss",
     "autocast",

@@ -1,7 +1,8 @@
 """Iteration of learning by imagination: updates of the dynamics model, then of the policy in it."""
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from typing import Any, Protocol
 
@@ -17,13 +18,13 @@ from plat.errors import ConfigError
 from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
-from plat.objectives.dynamics import DynamicsLoss
 from plat.objectives.exploitation import ExploitationWatch
 from plat.objectives.finite import FiniteUpdates
 from plat.objectives.graphed import GraphedLoss
+from plat.objectives.helper import half_the_threads
 from plat.objectives.imagination import ImaginationLoss
+from plat.objectives.model_updates import ModelUpdates, ModelUpdatesBeside
 from plat.objectives.muon import muon_and_adam
-from plat.objectives.parallel_gradients import ParallelGradients
 from plat.objectives.reference import ReferenceLoss
 from plat.objectives.settings import ImaginationConfig
 from plat.tasks.disturbed import shown, told_to_model
@@ -58,8 +59,8 @@ class ImaginationLearner:
         loss: the policy's loss, a subclass of it or a partial of one.
         reference_updates: updates in each iteration of the warm-up in which a new policy learns the task's reference
             (:class:`ReferenceLoss`). A trained one would forget what it knows.
-        processes: that compute gradients at once, on a CPU (:class:`ParallelGradients`); an update's is then up to so
-            many updates old. With several, call :meth:`close` at the end.
+        overlap: the model learns in a process of its own (:class:`ModelUpdatesBeside`), while the policy learns in the
+            model of the iteration before. For a CPU; call :meth:`close` at the end.
 
     Attributes:
         average: copy of ``policy`` with the moving average of its weights.
@@ -88,12 +89,13 @@ class ImaginationLearner:
         effort: NestedKey = "action",
         loss: Callable[..., ImaginationLoss] = ImaginationLoss,
         reference_updates: int = 0,
-        processes: int = 1,
+        overlap: bool = False,
     ):
         check_value("imagination: task", task, Task)
         check_value("imagination: config", config, ImaginationConfig | None)
         check_value("imagination: reference_updates", reference_updates, Natural)
         self.config = config = config or ImaginationConfig()
+        self.rates = rates = config.rates()
         if lazy := [name for name, value in policy.named_parameters() if nn.parameter.is_lazy(value)]:
             raise ConfigError(
                 f"imagination: the policy's {lazy[0]!r} has no shape yet, expected a policy that was called before, or "
@@ -105,7 +107,7 @@ class ImaginationLearner:
         self.critic = (
             _Critic(task, actor, config.critic, config.lost_cost).to(model.mean.device) if config.critic else None
         )
-        self.model_loss = DynamicsLoss(model)
+        self.model_updates = ModelUpdates(model, config)
         self.policy_loss = loss(
             actor,
             model,
@@ -118,27 +120,22 @@ class ImaginationLearner:
             lost_cost=config.lost_cost,
         )
         self.policy_loss.set_keys(effort=effort)
-        self.model_optimizers = muon_and_adam(model.network, config.muon_lr, config.model_lr)
         self._learning = learning = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         if {*map(id, learning)}.isdisjoint(map(id, actor.parameters())):
             raise ConfigError(
                 "imagination: the actor has none of the weights of the policy that learn, expected a view of the same "
                 "policy, such as its deployed()"
             )
-        self.policy_optimizers = muon_and_adam(policy, config.policy_muon * config.lr, config.lr, learning)
+        self.policy_optimizers = muon_and_adam(policy, rates.policy_muon * rates.lr, rates.lr, learning)
         critic_weights = [] if self.critic is None else list(self.critic.parameters())
-        self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=config.lr, fused=True)] if critic_weights else []
+        self.critic_optimizers = [torch.optim.Adam(critic_weights, lr=rates.lr, fused=True)] if critic_weights else []
         device, static = model.mean.device, task.static and self.policy_loss.static
         self.reference_updates = reference_updates
-        graphed = {
-            "model": GraphedLoss(self.model_loss, model.parameters(), device, config.precision),
-            "policy": GraphedLoss(
-                self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
-            ),
-            "reference": GraphedLoss(ReferenceLoss(actor, task), learning, device, config.precision, capture=False),
-        }
-        read = [policy, model, *([] if self.critic is None else [self.critic])]
-        self._gradients = ParallelGradients(graphed, read, processes)
+        self._imagined = GraphedLoss(
+            self.policy_loss, [*learning, *critic_weights], device, config.precision, capture=static
+        )
+        self._reference = GraphedLoss(ReferenceLoss(actor, task), learning, device, config.precision, capture=False)
+        self._beside = ModelUpdatesBeside(self.model_updates) if overlap else None
         self._rates = self._full_rates()
         self.iterations = 0
         """Iterations so far."""
@@ -146,7 +143,8 @@ class ImaginationLearner:
         """Updates of the policy so far."""
         self.watch = ExploitationWatch()
         """Detector of model exploitation, for whoever knows what a step costs in simulation; a part of the state."""
-        self._finite = {what: FiniteUpdates(what) for what in ("model", "policy", "critic")}
+        self._finite = {what: FiniteUpdates(what) for what in ("policy", "critic")}
+        self._finite["model"] = self.model_updates.finite
 
     def observe(self, rollout: TensorDictBase) -> None:
         """Update the normalizers with a rollout ``[N, T]``, until they are frozen."""
@@ -186,44 +184,37 @@ class ImaginationLearner:
             ActionError: when 50 gradients in a row were not finite.
         """
         config, log = self.config, _Means()
+        for losses in () if self._beside is None else self._beside.finish():  # their rates are those of before
+            log.add(losses)
         self._set_rates(fraction)
-        states = partial(replay.states, config.policy_batch, config.recent)
         if len(replay) > config.window:
-            windows = partial(replay.windows, config.model_batch, config.window + 1)
-            for losses in self._gradients_of("model", config.model_updates, windows):
-                self._update_model(losses, log)
-        if self.iterations >= config.warmup:
-            for losses in self._gradients_of("policy", config.policy_updates, states):
-                self._update_policy(losses, log)
-        else:
-            for losses in self._gradients_of("reference", self.reference_updates, states):
-                self._step_policy()
-                log.add(losses)
+            self._learn_robot(partial(replay.windows, config.model_batch, config.window + 1), log)
+        with nullcontext() if self._beside is None else half_the_threads():
+            self._learn_policy(partial(replay.states, config.policy_batch, config.recent), log)
         self.iterations += 1
         return log.means()
 
+    def _learn_robot(self, sample: Callable[[], TensorDictBase], log: "_Means") -> None:
+        updates = range(self.config.model_updates)
+        if self._beside is not None:
+            self._beside.begin([sample() for _ in updates])
+            return
+        for _ in updates:
+            log.add(self.model_updates.update(sample()))
+
+    def _learn_policy(self, sample: Callable[[], TensorDictBase], log: "_Means") -> None:
+        if self.iterations >= self.rates.warmup:
+            for _ in range(self.config.policy_updates):
+                self._update_policy(self._imagined.backward(sample()), log)
+            return
+        for _ in range(self.reference_updates):
+            log.add(self._reference.backward(sample()))
+            self._step_policy()
+
     def close(self) -> None:
-        """End the processes that compute gradients."""
-        self._gradients.close()
-
-    def _gradients_of(
-        self, name: str, updates: int, sample: Callable[[], TensorDictBase]
-    ) -> Iterator[dict[str, Tensor]]:
-        """Yield the losses of so many batches, each when the weights that learn have its gradient."""
-        while updates > 0:
-            batches = [sample() for _ in range(min(updates, self._gradients.processes))]
-            yield from self._gradients.backward(name, batches)
-            updates -= len(batches)
-
-    def _update_model(self, losses: dict[str, Tensor], log: "_Means") -> None:
-        norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.grad_norm)
-        learns = self._finite["model"].allow(norm)
-        for optimizer in self.model_optimizers:
-            if learns:
-                optimizer.step()
-            optimizer.zero_grad()
-        log.add({"model/loss" if name == "loss_dynamics" else f"model/{name}": value for name, value in losses.items()})
-        log.add({"model/skipped": torch.tensor(float(not learns))})
+        """End the process of the model."""
+        if self._beside is not None:
+            self._beside.close()
 
     def _update_policy(self, losses: dict[str, Tensor], log: "_Means") -> None:
         # the critic's loss is in the sum: it and the policy reach different weights
@@ -256,7 +247,7 @@ class ImaginationLearner:
             ours_buffer.copy_(theirs_buffer)
 
     def _optimizers(self) -> list[torch.optim.Optimizer]:
-        return [*self.model_optimizers, *self.policy_optimizers, *self.critic_optimizers]
+        return [*self.model_updates.optimizers, *self.policy_optimizers, *self.critic_optimizers]
 
     def _full_rates(self) -> list[list[float]]:
         return [[group["lr"] for group in optimizer.param_groups] for optimizer in self._optimizers()]
@@ -271,6 +262,8 @@ class ImaginationLearner:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state from which a resumed run continues, except the average, which is the run's policy."""
+        if self._beside is not None:
+            self._beside.wait()
         return {
             "policy": self.policy.state_dict(),
             "model": self.model.state_dict(),
@@ -290,7 +283,7 @@ class ImaginationLearner:
             self.critic.load_state_dict(state["critic"])
         self._load_optimizers(state["optimizers"])
         self.iterations = int(state["iterations"])
-        before = max(0, self.iterations - self.config.warmup) * self.config.policy_updates
+        before = max(0, self.iterations - self.rates.warmup) * self.config.policy_updates
         self.updates = int(state.get("updates", before))  # not in checkpoints of an older plat
         self.watch.load_state_dict(state.get("watch", {"costs": []}))  # nor is this
         for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
@@ -299,7 +292,7 @@ class ImaginationLearner:
     def _load_optimizers(self, states: list[dict[str, Any]]) -> None:
         if len(states) == len(self._optimizers()) - 1 and len(self.policy_optimizers) == 2:
             # a run that was begun with Adam alone, as every one of an older plat, goes on with it
-            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.config.lr, self._learning)
+            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.rates.lr, self._learning)
             self._rates = self._full_rates()
         if len(states) != len(self._optimizers()):
             raise ConfigError(

@@ -1,13 +1,13 @@
 """Hyperparameters, apart from the updates so that a command line can show them without torch."""
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, Positive, Range
 from plat.errors import ConfigError
 from plat.precision import Precision
 
-__all__ = ["ImaginationConfig", "MotorGradientConfig", "PPOConfig"]
+__all__ = ["ImaginationConfig", "MotorGradientConfig", "PPOConfig", "Rates"]
 
 Steps: TypeAlias = Annotated[int, Range(1, 1000)]
 """Control steps of a rollout of the model."""
@@ -76,6 +76,15 @@ class MotorGradientConfig(Bounded):
     """control steps from an action to the joint error that it causes"""
 
 
+class Rates(NamedTuple):
+    """Learning rates and warm-up, as :class:`ImaginationConfig` explains them."""
+
+    lr: float
+    policy_muon: float
+    muon_lr: float
+    warmup: int
+
+
 @dataclass(frozen=True)
 class ImaginationConfig(Bounded):
     """Settings of learning by imagination."""
@@ -88,8 +97,8 @@ class ImaginationConfig(Bounded):
     """control steps that the model predicts autoregressively"""
     model_lr: Positive = 1e-3
     """Adam's learning rate for the model's last layer and biases"""
-    muon_lr: Positive = 1.5e-2
-    """Muon's learning rate for its other matrices; by default 0.004 with --init-model"""
+    muon_lr: Positive | None = None
+    """Muon's learning rate for its other matrices; None for 0.015, of a trained model 0.004"""
     policy_updates: Count = 4
     """updates of the policy per iteration"""
     policy_batch: Count = 512
@@ -108,16 +117,16 @@ class ImaginationConfig(Bounded):
     """weight of the squared action, or of an expert's squared residual"""
     rate: NonNegative = 0.02
     """weight of its squared change"""
-    lr: Positive = 2e-3
-    """Adam's learning rate for policy and critic; by default 0.001 for a trained policy"""
-    policy_muon: NonNegative = 10.0
-    """Muon's rate for hidden matrices, in Adam's; 0 is Adam, the default for a trained policy"""
+    lr: Positive | None = None
+    """Adam's learning rate for policy and critic; None for 0.002, of a trained policy 0.001"""
+    policy_muon: NonNegative | None = None
+    """Muon's rate for its hidden matrices, in Adam's; None for 10, of a trained policy 0 (Adam)"""
     grad_norm: Positive = 1.0
     """largest norm of the gradient, for model and policy each"""
     average: Annotated[float, Range(0, 1, below=True)] = 0.99  # 1 would save the weights of the start
     """decay of the moving average of the policy's weights, which is saved; less at first"""
-    warmup: Natural = 20
-    """warm-up iterations, in which only the model learns; the default is 8 with --init-model"""
+    warmup: Natural | None = None
+    """warm-up iterations, in which only the model learns; None for 20, of a trained model 8"""
     settle: Natural = 400
     """iterations before normalizers are frozen; those of a loaded model count"""
     constant: Fraction = 0.5
@@ -127,18 +136,23 @@ class ImaginationConfig(Bounded):
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
 
-    def going_on(self, *, model: bool, policy: bool) -> "ImaginationConfig":
-        """Return settings for what is trained already: where they have their default, some that change it less.
+    def rates(self, *, model: bool = False, policy: bool = False) -> "Rates":
+        """Return the rates and the warm-up: those that are given, and for None what suits a new model and policy.
 
         Args:
-            model: whether the model is trained.
-            policy: whether the policy is.
+            model: the model is trained already.
+            policy: the policy is.
 
-        >>> ImaginationConfig(lr=5e-4).going_on(model=True, policy=False).warmup
-        8
+        >>> ImaginationConfig(lr=5e-4).rates(model=True)
+        Rates(lr=0.0005, policy_muon=10.0, muon_lr=0.004, warmup=8)
         """
-        # a trained model knows the robot, and needs to see only what the new task makes of it
-        slower: dict[str, Any] = {"warmup": 8, "muon_lr": 4e-3} if model else {}
-        slower |= {"lr": 1e-3, "policy_muon": 0.0} if policy else {}
-        fresh = vars(ImaginationConfig())
-        return replace(self, **{name: value for name, value in slower.items() if vars(self)[name] == fresh[name]})
+        usual = Rates(
+            lr=1e-3 if policy else 2e-3,
+            policy_muon=0.0 if policy else 10.0,
+            muon_lr=4e-3 if model else 1.5e-2,
+            warmup=8
+            if model
+            else 20,  # a trained model knows the robot, and needs to see only what the new task brings
+        )
+        given = {name: getattr(self, name) for name in Rates._fields if getattr(self, name) is not None}
+        return usual._replace(**given)

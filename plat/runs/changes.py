@@ -22,6 +22,7 @@ _FREE = {
     "imports",
     "minutes",
     "out",
+    "overlap",
     "ray",
     "save_every",
     "steps",

@@ -70,10 +70,7 @@ def test_the_commands_are_those_that_made_the_weights(run, folder):
     kind = COMMANDS[name].kind()
     recipe = parse(kind, rest)
     if hasattr(recipe, "imagination"):  # rates that are not told are those of what is trained already
-        trained = recipe.imagination.going_on(
-            model=recipe.init_model is not None, policy=name == "refine-model" or recipe.init is not None
-        )
-        recipe = replace(recipe, imagination=trained)
+        recipe = replace(recipe, imagination=recipe.with_rates())
     told = dict(leaves(TypeAdapter(kind).dump_python(recipe, mode="json")))
     was = {name: value for name, value in leaves(recorded["settings"]) if name not in ABOUT}
     both = told.keys() & was.keys()

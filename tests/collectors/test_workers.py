@@ -121,6 +121,42 @@ def test_two_workers_ahead_of_the_learner_go_on_from_a_state(tmp_path):
         Rollouts(make_tracking_env(motions(), 1), policy, 1).load_state_dict({"workers": []})
 
 
+def test_one_worker_ahead_of_the_learner_has_a_stream_of_its_own():
+    policy = flailing()
+    torch.manual_seed(1)
+    with collect(make_tracking_env, motions(), 3, policy, 20, workers=1, ahead=True) as source:
+        before = torch.get_rng_state()
+        first = next(source)
+        with torch.no_grad():
+            policy.module.scale.fill_(0.0)
+        assert (next(source)["action"].std((1, 2)) > 2).all()  # begun before the weights changed
+        assert (next(source)["action"] == 0).all()
+        assert torch.equal(torch.get_rng_state(), before)
+    assert (first["action"].std((1, 2)) > 2).all()
+
+
+def test_robots_move_into_a_worker_and_back():
+    policy = flailing()
+    torch.manual_seed(1)
+    with collect(make_tracking_env, motions(), 3, policy, 20) as here:
+        last = next(here)
+        state = here.state_dict()
+        with collect(make_tracking_env, motions(), 3, policy, 20, workers=1, ahead=True) as there:
+            there.load_state_dict(state)
+            moved = next(there)
+            back = there.state_dict()
+        going = ~last["next", "done"][:, -1, 0]
+        assert going.any()
+        assert torch.equal(moved["robot", "joint_pos"][going, 0], last["next", "robot", "joint_pos"][going, -1])
+        here.load_state_dict(back)
+        again = next(here)
+        going = ~moved["next", "done"][:, -1, 0]
+        assert torch.equal(again["robot", "joint_pos"][going, 0], moved["next", "robot", "joint_pos"][going, -1])
+    two = collect(make_tracking_env, motions(), 3, policy, 20, workers=2)
+    with two, pytest.raises(StateError, match="a state of no workers, expected 2"):
+        two.load_state_dict(state)
+
+
 class Ending(Processes):
     """Where workers end at once, or raise plat's errors."""
 

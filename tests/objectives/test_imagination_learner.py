@@ -117,7 +117,63 @@ def test_rates_fall_in_the_second_half(setting):
         muon, adam = learner.policy_optimizers
         assert muon.param_groups[0]["lr"] == pytest.approx(2e-2 * share)
         assert adam.param_groups[0]["lr"] == pytest.approx(2e-3 * share)
-        assert learner.model_optimizers[0].param_groups[0]["lr"] == pytest.approx(1.5e-2 * share)
+        assert learner.model_updates.optimizers[0].param_groups[0]["lr"] == pytest.approx(1.5e-2 * share)
+
+
+@pytest.fixture
+def overlapped(setting):
+    """A learner whose model learns in another process, and a function that makes another one of its state."""
+    learner, replay, simulate = setting
+    simulate()
+    simulate()
+    made = []
+
+    def another(of):
+        expert, model = copy.deepcopy(of.average), copy.deepcopy(of.model)
+        config = replace(of.config, precision="float32")
+        task = of.policy_loss.task
+        made.append(ImaginationLearner(expert, expert.deployed(), model, task, config, overlap=True))
+        made[-1].load_state_dict(copy.deepcopy(of.state_dict()))
+        return made[-1]
+
+    yield another(learner), another, replay
+    for each in made:
+        each.close()
+
+
+def test_a_model_that_learns_beside_is_that_of_the_iteration_before(overlapped):
+    learner, _, replay = overlapped
+    start = weights(learner.model)["network.0.weight"]
+    assert "model/loss" not in learner.step(replay)
+    assert weights(learner.model)["network.0.weight"].equal(start)
+    losses = learner.step(replay)
+    assert losses["model/loss"] > 0
+    assert losses["imagined_cost"] > 0
+    assert not weights(learner.model)["network.0.weight"].equal(start)
+
+
+def test_rates_of_a_model_that_learns_beside_fall(overlapped):
+    learner, _, replay = overlapped
+    for fraction, share in ((0.2, 1.0), (0.75, 0.55), (1.0, 0.1)):
+        learner.step(replay, fraction)
+        rates = [optimizer.param_groups[0]["lr"] for optimizer in learner.model_updates.optimizers]
+        assert rates == pytest.approx([1.5e-2 * share, learner.config.model_lr * share])
+
+
+def test_a_learner_whose_model_learns_beside_goes_on_from_its_state(overlapped):
+    learner, another, replay = overlapped
+    for _ in range(3):
+        learner.step(replay)  # updates of the model are under way
+    other, results = another(learner), []
+    for each in (learner, other):
+        torch.manual_seed(5)
+        for _ in range(2):
+            last = each.step(replay)
+        each.state_dict()
+        results.append((last, *(weights(module) for module in modules(each))))
+    assert results[0][0] == results[1][0]
+    for ours, theirs in zip(results[0][1:], results[1][1:], strict=True):
+        assert all(ours[name].equal(theirs[name]) for name in ours)
 
 
 def test_it_goes_on_from_its_state(setting):

@@ -3,6 +3,7 @@
 import csv
 import re
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -104,14 +105,36 @@ def test_a_seed_fixes_the_result(tmp_path):
     assert not all(a[name].equal(c[name]) for name in a)
 
 
-def test_with_several_processes_a_seed_fixes_the_result(tmp_path):
-    for name, processes in (("a", 2), ("b", 2), ("c", 1)):
-        words = [*RECIPES["imagine"], "--out", tmp_path / name, "--steps", 192, "--seed", 3, "--processes", processes]
-        main(["imagine", *map(str, words)])
-    a, b, c = (load_file(tmp_path / name / "model.safetensors") for name in "abc")
+def test_overlapped_a_seed_fixes_the_result_and_a_resumed_run_is_the_same(tmp_path):
+    words = [*RECIPES["imagine"], "--seed", 3, "--imagination.constant", 1]
+    for name, overlap in (("a", True), ("b", True), ("c", False)):
+        given = ["--out", tmp_path / name, "--steps", 192, *["--overlap"] * overlap]
+        main(["imagine", *map(str, [*words, *given])])
+    for steps in (64, 192):
+        given = ["--out", tmp_path / "d", "--steps", steps, "--overlap", *["--resume"] * (steps > 64)]
+        main(["imagine", *map(str, [*words, *given])])
+    a, b, c, d = (load_file(tmp_path / name / "model.safetensors") for name in "abcd")
     assert all(a[name].equal(b[name]) for name in a)
-    assert not all(a[name].equal(c[name]) for name in a)  # other draws
+    assert not all(a[name].equal(c[name]) for name in a)  # in an older model of the robot
+    assert all(a[name].equal(d[name]) for name in a)
     assert all(value.isfinite().all() for value in a.values())
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_run_goes_on_with_and_without_overlap(tmp_path, before):
+    out, after = tmp_path / "run", not before
+    words = [*RECIPES["imagine"], "--out", out, "--seed", 3]
+    run("imagine", *words, "--steps", 96, *["--overlap"] * before)
+    text = run("imagine", *words, "--steps", 192, *["--overlap"] * after, "--resume")
+    assert f"goes on with overlap {after} in place of {before}" in text
+    assert steps_in(out)[-1] == 192
+    assert SavedRun(out).settings["overlap"] == after
+
+
+def test_no_robots_on_a_gpu_are_simulated_beside():
+    recipe = imagine.ImagineRecipe(motions=("generated:val@30",), out=Path("run"), steps=1, device="cpu", overlap=True)
+    with pytest.raises(ConfigError, match="overlap is True, and physics 'warp' is on one device: expected overlap"):
+        replace(recipe, physics="warp")
 
 
 def test_the_model_of_an_expert_serves_a_keyframe_policy(tmp_path):
@@ -278,25 +301,25 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
 
 
 TRAINED: dict[str, tuple[list[object], tuple[float, ...]]] = {
-    "nothing": ([], (20, 1.5e-2, 2e-3, 10.0)),
-    "a model": (["--init-model", "expert-model-g1"], (8, 4e-3, 2e-3, 10.0)),
-    "a policy": (["--init", "imagined-g1"], (20, 1.5e-2, 1e-3, 0.0)),
-    "both": (["--init", "imagined-g1", "--init-model", "expert-model-g1"], (8, 4e-3, 1e-3, 0.0)),
+    "nothing": ([], (2e-3, 10.0, 1.5e-2, 20)),
+    "a model": (["--init-model", "expert-model-g1"], (2e-3, 10.0, 4e-3, 8)),
+    "a policy": (["--init", "imagined-g1"], (1e-3, 0.0, 1.5e-2, 20)),
+    "both": (["--init", "imagined-g1", "--init-model", "expert-model-g1"], (1e-3, 0.0, 4e-3, 8)),
 }
 
 
-@pytest.mark.parametrize("given", [(), (10, 2e-3, 5e-4, 5.0)])
+@pytest.mark.parametrize("given", [(), (5e-4, 5.0, 2e-3, 10), (2e-3, 10.0, 1.5e-2, 20)])
 @pytest.mark.parametrize("trained", TRAINED)
 def test_what_is_trained_already_is_changed_less(tmp_path, monkeypatch, trained, given):
     class SeenError(Exception):
         pass
 
     def learner(policy, actor, model, task, config, **rest):
-        raise SeenError((config.warmup, config.muon_lr, config.lr, config.policy_muon))
+        raise SeenError(config.rates())
 
     monkeypatch.setattr(learning, "ImaginationLearner", learner)
     flags, used = TRAINED[trained]
-    names = ("warmup", "muon-lr", "lr", "policy-muon")
+    names = ("lr", "policy-muon", "muon-lr", "warmup")
     told = [word for name, value in zip(names, given, strict=False) for word in (f"--imagination.{name}", value)]
     brief = [
         *("--motions", "generated:val@8", "--unseen", "--steps", 64),
