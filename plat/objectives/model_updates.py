@@ -40,8 +40,8 @@ class ModelUpdates:
     >>> from plat.robots import G1
     >>> state = torch.nn.functional.pad(torch.ones(2, 5, 1), (3, 67))
     >>> windows = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
-    >>> sorted(ModelUpdates(DynamicsModel(G1), ImaginationConfig()).update(windows))[:2]
-    ['model/loss', 'model/skipped']
+    >>> "model/loss" in ModelUpdates(DynamicsModel(G1), ImaginationConfig()).update(windows)
+    True
     """
 
     def __init__(self, model: DynamicsModel, config: ImaginationConfig):

@@ -44,20 +44,14 @@ def helper() -> Iterator[Helper]:
     helper.close()
 
 
-def test_it_remembers_and_has_one_thread(helper: Helper) -> None:
+def test_it_remembers_and_its_errors_are_the_callers(helper: Helper) -> None:
     assert [ask(helper, number) for number in (1, 2)] == [1, 3]
     threads, process = ask(helper, "threads")
     assert threads == 1
     assert process != os.getpid()
-
-
-def test_its_errors_are_the_callers_and_it_goes_on(helper: Helper) -> None:
     with pytest.raises(ObservationError, match="no such thing"):
         ask(helper, "fail")
-    assert ask(helper, 5) == 5
-
-
-def test_its_end_is_told(helper: Helper) -> None:
+    assert ask(helper, 5) == 8
     with pytest.raises((EOFError, OSError)):
         ask(helper, "end")
     helper.close()

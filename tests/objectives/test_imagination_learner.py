@@ -120,6 +120,9 @@ def test_rates_fall_in_the_second_half(setting):
         assert learner.model_updates.optimizers[0].param_groups[0]["lr"] == pytest.approx(1.5e-2 * share)
 
 
+ALONE = pytest.mark.parametrize("setting", [()], ids=["without critic"], indirect=True)
+
+
 @pytest.fixture
 def overlapped(setting):
     """A learner whose model learns in another process, and a function that makes another one of its state."""
@@ -141,6 +144,7 @@ def overlapped(setting):
         each.close()
 
 
+@ALONE
 def test_a_model_that_learns_beside_is_that_of_the_iteration_before(overlapped):
     learner, _, replay = overlapped
     start = weights(learner.model)["network.0.weight"]
@@ -152,6 +156,7 @@ def test_a_model_that_learns_beside_is_that_of_the_iteration_before(overlapped):
     assert not weights(learner.model)["network.0.weight"].equal(start)
 
 
+@ALONE
 def test_rates_of_a_model_that_learns_beside_fall(overlapped):
     learner, _, replay = overlapped
     for fraction, share in ((0.2, 1.0), (0.75, 0.55), (1.0, 0.1)):
@@ -160,6 +165,7 @@ def test_rates_of_a_model_that_learns_beside_fall(overlapped):
         assert rates == pytest.approx([1.5e-2 * share, learner.config.model_lr * share])
 
 
+@ALONE
 def test_a_learner_whose_model_learns_beside_goes_on_from_its_state(overlapped):
     learner, another, replay = overlapped
     for _ in range(3):

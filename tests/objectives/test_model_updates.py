@@ -37,8 +37,23 @@ def assert_alike(ours: ModelUpdates, theirs: ModelUpdates) -> None:
         torch.testing.assert_close(one["state"], other["state"], rtol=1e-4, atol=1e-7)
 
 
+@pytest.fixture(scope="module")
+def process() -> Iterator[ModelUpdatesBeside]:
+    beside = ModelUpdatesBeside(updates())
+    yield beside
+    beside.close()
+
+
 @pytest.fixture
-def beside() -> Iterator[ModelUpdatesBeside]:
+def beside(process: ModelUpdatesBeside) -> ModelUpdatesBeside:
+    """Updates of a new model, in a process that has to remember nothing."""
+    process._updates = updates()
+    return process
+
+
+@pytest.fixture
+def ending() -> Iterator[ModelUpdatesBeside]:
+    """Those whose process will end."""
     beside = ModelUpdatesBeside(updates())
     yield beside
     beside.close()
@@ -86,18 +101,18 @@ def test_rates_and_what_is_usual_are_those_of_the_moment(beside: ModelUpdatesBes
     assert float(here.model.mean.mean()) == float(beside._updates.model.mean.mean()) == pytest.approx(0.3)
 
 
-def test_a_process_that_ends_is_done_without(beside: ModelUpdatesBeside, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_process_that_ends_is_done_without(ending: ModelUpdatesBeside, capsys: pytest.CaptureFixture[str]) -> None:
     here = updates()
     expected = [here.update(windows(seed)) for seed in (1, 2, 3)]
-    beside.begin([windows(1)])
-    beside.wait()
-    os.kill(beside._helper._process.pid, signal.SIGKILL)
-    beside.begin([windows(2)])
-    beside.wait()
+    ending.begin([windows(1)])
+    ending.wait()
+    os.kill(ending._helper._process.pid, signal.SIGKILL)
+    ending.begin([windows(2)])
+    ending.wait()
     assert "the process of the model ended, with code -9; it learns in this one" in capsys.readouterr().out
-    beside.begin([windows(3)])
-    torch.testing.assert_close(beside.finish(), expected, rtol=1e-4, atol=1e-6)
-    assert_alike(beside._updates, here)
+    ending.begin([windows(3)])
+    torch.testing.assert_close(ending.finish(), expected, rtol=1e-4, atol=1e-6)
+    assert_alike(ending._updates, here)
 
 
 def test_an_error_in_the_other_process_is_the_callers(beside: ModelUpdatesBeside) -> None:
@@ -108,12 +123,12 @@ def test_an_error_in_the_other_process_is_the_callers(beside: ModelUpdatesBeside
     assert len(beside.finish()) == 1
 
 
-def test_it_may_end_in_the_middle(beside: ModelUpdatesBeside) -> None:
-    beside.begin([windows(seed) for seed in range(200)])
-    process = beside._helper._process
-    beside.close()
+def test_it_may_end_in_the_middle(ending: ModelUpdatesBeside) -> None:
+    ending.begin([windows(seed) for seed in range(200)])
+    process = ending._helper._process
+    ending.close()
     assert not process.is_alive()
-    beside.close()
+    ending.close()
 
 
 def test_a_model_on_a_gpu_has_no_process_beside() -> None:
