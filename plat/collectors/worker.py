@@ -154,7 +154,8 @@ class WorkerCollector(Collector):
         """Go on from a state that :meth:`report` returned."""
         values = unpacked(state)
         restore(self, values)
-        torch.set_rng_state(values["random"])
+        if "random" in values:  # a state of no worker has none: this one's stream goes on
+            torch.set_rng_state(values["random"])
 
 
 def in_folder(

@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.bounds import Count, check_value
 from plat.collectors.hosts import EnvFactory, Host, Processes, RemoteCollector
-from plat.collectors.packing import as_bytes, as_tensor, packed, unpacked
+from plat.collectors.packing import as_bytes, as_tensor, packed
 from plat.collectors.ray_actors import RayActors
 from plat.collectors.rollouts import Rollouts
 from plat.collectors.worker import Job, Order, Report, seed_of
@@ -252,8 +252,7 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         """
         states = state.get("workers", ())
         if "robots" in state and len(self._jobs) == 1:  # of robots that were simulated where they learned
-            random = unpacked(self._states[0])["random"] if self._states[0] else torch.get_rng_state()
-            states = [as_tensor(packed({**state, "random": random}))]
+            states = [as_tensor(packed(state))]
         if len(states) != len(self._jobs):
             raise StateError(
                 f"rollouts: a state of {counted(len(states), 'worker') if states else 'no workers'}, "

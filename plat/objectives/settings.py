@@ -136,7 +136,7 @@ class ImaginationConfig(Bounded):
     precision: Precision = "auto"
     """precision of the networks' hidden layers"""
 
-    def rates(self, *, model: bool = False, policy: bool = False) -> "Rates":
+    def rates(self, *, model: bool = False, policy: bool = False) -> Rates:
         """Return the rates and the warm-up: those that are given, and for None what suits a new model and policy.
 
         Args:
@@ -146,13 +146,12 @@ class ImaginationConfig(Bounded):
         >>> ImaginationConfig(lr=5e-4).rates(model=True)
         Rates(lr=0.0005, policy_muon=10.0, muon_lr=0.004, warmup=8)
         """
+        # a trained model knows the robot, and needs to see only what the new task brings
         usual = Rates(
             lr=1e-3 if policy else 2e-3,
             policy_muon=0.0 if policy else 10.0,
             muon_lr=4e-3 if model else 1.5e-2,
-            warmup=8
-            if model
-            else 20,  # a trained model knows the robot, and needs to see only what the new task brings
+            warmup=8 if model else 20,
         )
         given = {name: getattr(self, name) for name in Rates._fields if getattr(self, name) is not None}
         return usual._replace(**given)
