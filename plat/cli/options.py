@@ -9,7 +9,7 @@ import tyro
 
 from plat.baselines.released import ReleasedTrackers
 from plat.bounds import Bounded, Count, Fraction, Natural, NonNegative, NotEmpty, Positive, Range, Robots, Seed
-from plat.envs.settings import ReachLimits
+from plat.envs.settings import HOLD, ReachLimits
 from plat.envs.transforms.settings import RandomizationRanges
 from plat.evaluation.names import DisturbanceName, Interface, RuleName
 from plat.modules.settings import WalkingReach
@@ -211,7 +211,7 @@ class PlayRecipe(Bounded):
     """keyframe file, see docs/keyframes.md; plat keyframes makes them out of motions"""
     split: bool = False
     """split intervals longer than the longest command into equal parts; else they are refused"""
-    hold: Annotated[float, Range(0, infinite=True)] = 1.0
+    hold: Annotated[float, Range(0, infinite=True)] = HOLD
     """seconds to hold the last keyframe after its arrival; "inf" with --viewer"""
     push: NonNegative = 0.0
     """shove the robot: change of its horizontal velocity (m/s), in a random direction"""

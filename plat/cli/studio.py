@@ -55,7 +55,7 @@ def main(recipe: StudioRecipe) -> None:
     if recipe.keyframes is None:
         session.begin_with("wave")
     else:
-        session.load(recipe.keyframes)
+        session.open(recipe.keyframes)
     path = "keyframes.json" if recipe.keyframes is None else _in_folder(recipe.keyframes, recipe.folder)
     studio = Studio(
         session, host=recipe.host, port=recipe.port, motions=recipe.motions, path=path, folder=recipe.folder

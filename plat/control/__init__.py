@@ -40,13 +40,14 @@ if TYPE_CHECKING:
     from plat.control.sensors import SensorNoise, SensorReading, SimulatedSensors
     from plat.control.simulator import Simulator
     from plat.control.viewer import Viewer
-    from plat.envs.settings import ReachLimits
+    from plat.envs.settings import HOLD, ReachLimits
 else:
     lazy(__name__)
 
 __all__ = [
     "FAMILIES",
     "FELL",
+    "HOLD",
     "LATE_OR_OFF",
     "REACHED",
     "Authored",

@@ -127,10 +127,13 @@ class Feasibility:
         return (*self._move(before, after), *self._links(before, after), *others)
 
     def sequence(self, keyframes: KeyframeSequence) -> tuple[tuple[Concern, ...], ...]:
-        """Return the concerns about each keyframe of a sequence; the last one is held."""
-        last = keyframes.keyframes[-1]
-        pairs = zip(keyframes.arrived[:-1], keyframes.keyframes, strict=True)
-        return tuple(self(before, after, held=after is last) for before, after in pairs)
+        """Return the concerns about each keyframe of a sequence.
+
+        Held are the last one, and those that the next one repeats.
+        """
+        following = (*keyframes.keyframes[1:], None)
+        triples = zip(keyframes.arrived[:-1], keyframes.keyframes, following, strict=True)
+        return tuple(self(before, now, held=after is None or _same(now, after)) for before, now, after in triples)
 
     def _move(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         limits, seconds = self.limits, after.time - before.time
@@ -291,6 +294,11 @@ def support_margin(point: NDArray[np.floating], support: NDArray[np.floating] | 
     angles = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     directions = np.stack((np.cos(angles), np.sin(angles)))
     return float(((np.asarray(support) - point) @ directions).max(0).min())
+
+
+def _same(one: Keyframe, other: Keyframe) -> bool:
+    """Return whether two keyframes command the same pose."""
+    return one.commands == other.commands and np.allclose(one.qpos, other.qpos, atol=1e-6)
 
 
 def _tenths(value: float) -> str:

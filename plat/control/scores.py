@@ -104,25 +104,27 @@ class HoldScore:
         seconds: held so far.
         fell_at: second of the hold at which the robot lay down; None when it did not, or lay already.
         down: whether the robot lies at the end.
-        foot_travel: greatest distance of a foot from where it was when the hold had settled (m).
+        foot_travel: greatest distance of a foot from where it was when the hold had settled (m); None where it was over by then.
         stepped: whether that is a step.
     """
 
     seconds: float
     fell_at: float | None
     down: bool
-    foot_travel: float
+    foot_travel: float | None
     stepped: bool
 
     @property
     def words(self) -> str:
-        """Return the hold for a person: ``"held for 1.0 s"``."""
+        """Return the hold for a person: ``"held for 3.0 s"``."""
         if self.fell_at is not None:
             return f"fell afterwards: {self.fell_at:.2f} s after the last arrival"
         if self.down:
             return "on the floor"
-        stepped = f", a foot moved by {self.foot_travel:.2f} m" if self.stepped else ""
-        return f"held for {self.seconds:.1f} s{stepped}"
+        feet = f", a foot moved by {self.foot_travel:.2f} m" if self.stepped else ""
+        if self.foot_travel is None:
+            feet = ", too short to see a step"
+        return f"held for {self.seconds:.1f} s{feet}"
 
 
 @dataclass(frozen=True)
@@ -209,9 +211,10 @@ class KeyframeScorer:
         lay = [] if arrival[1].down else [time for time, down, _ in held if down]
         # times are multiples of the control step up to rounding
         settled = [feet for time, _, feet in held if feet is not None and time > self.limits.settling - 1e-6]
-        apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if settled else np.zeros(1)
-        travel = float(apart.max())
-        stepped = travel > self.limits.foot_travel
+        # one position has not moved yet
+        apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if len(settled) > 1 else None
+        travel = None if apart is None else float(apart.max())
+        stepped = travel is not None and travel > self.limits.foot_travel
         return HoldScore(held[-1][0], lay[0] if lay else None, held[-1][1], travel, stepped)
 
     def _watch_late(self, step: ChaseStep) -> None:

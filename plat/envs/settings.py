@@ -8,10 +8,14 @@ from plat.bounds import Bounded, NonNegative, Positive
 from plat.envs.transforms.settings import TerminationLimits
 from plat.errors import ConfigError
 
-__all__ = ["PhysicsName", "ReachLimits", "ResetNoise", "check_physics"]
+__all__ = ["HOLD", "PhysicsName", "ReachLimits", "ResetNoise", "check_physics"]
 
 PhysicsName: TypeAlias = Literal["mujoco", "warp"]
 """MuJoCo on the CPU, or MuJoCo Warp on a GPU."""
+HOLD = 3.0
+"""Seconds of the hold after the last arrival where a person is told the outcome. A robot that arrives out of balance
+takes one to two seconds to lie down.
+"""
 
 
 def check_physics(name: PhysicsName) -> None:

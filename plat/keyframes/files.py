@@ -13,7 +13,7 @@ from plat.bounds import check_robot
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json, short
-from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe, check_time
 from plat.spec.parts import Parts, joint_called
 
 __all__ = [
@@ -155,10 +155,13 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
     if not isinstance(content["keyframes"], list):
         raise KeyframeError("keyframes: expected a list")
     start = _keyframe(content["start"], "start", _POSE_FIELDS, order, robot) if "start" in content else None
-    return start, tuple(
+    keyframes = tuple(
         _keyframe(entry, f"keyframe {index}", ("time", *_POSE_FIELDS), order, robot, version)
         for index, entry in enumerate(content["keyframes"])
     )
+    for index, keyframe in enumerate(keyframes):
+        check_time(keyframe.time, f"keyframe {index}: time")
+    return start, keyframes
 
 
 def _keyframe(

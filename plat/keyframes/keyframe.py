@@ -134,13 +134,16 @@ class Keyframe:
     def checked(self, robot: RobotJoints) -> Keyframe:
         """Return this keyframe in float64 with a quaternion of exactly unit length.
 
+        Its time may be that of a robot's clock, which runs for weeks; a sequence's is at most a day.
+
         Raises:
             KeyframeError: naming the field, for a wrong shape, a value that is not finite, a root where none can be, a
                 quaternion that is not of unit length, a joint angle outside the joint's range, commands of another
                 robot, or a name that is no text.
         """
         check_robot(robot)
-        check_time(self.time)
+        if not is_finite(self.time):
+            raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
         _check_place(root_pos)
         root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")

@@ -80,7 +80,7 @@ class KeyframeQueue:
         if not is_finite(now):
             raise KeyframeError(f"now is {short(now)} s, expected the time of the robot's clock")
         check_keyframe("keyframe", keyframe)
-        checked = self._checked(keyframe)
+        checked = keyframe.checked(self.robot)
         steps = self.timing.steps(checked.time) - self.timing.steps(now)
         if steps <= 0:
             return "late" if steps < 0 else "too soon"
@@ -126,7 +126,7 @@ class KeyframeQueue:
             step, after = self.timing.steps(now), self.timing.steps(now + self.timing.control_dt)
             arrival = min(max(step + self.timing.steps(seconds), after + 1), step + self.timing.max_steps)
             time = arrival * self.timing.control_dt
-            staying.append(self._checked(replace(pose, time=time, joint_pos=self._within(pose.joint_pos))))
+            staying.append(replace(pose, time=time, joint_pos=self._within(pose.joint_pos)).checked(self.robot))
         finally:
             with self._lock:
                 self._queue[:] = staying
@@ -144,12 +144,6 @@ class KeyframeQueue:
             if left > self.timing.max_steps:
                 return None
             return Command(self._index, self._queue[0], left, left)
-
-    def _checked(self, keyframe: Keyframe) -> Keyframe:
-        """Return a keyframe as :meth:`plat.keyframes.Keyframe.checked` does, at any time: clocks may run for weeks."""
-        if not is_finite(keyframe.time):
-            return keyframe.checked(self.robot)
-        return keyframe.at(0.0).checked(self.robot).at(keyframe.time)
 
     def _within(self, joint_pos: np.ndarray) -> np.ndarray:
         """Return angles within the joints' ranges; what are no angles stays as it is, to be refused."""

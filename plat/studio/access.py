@@ -15,6 +15,7 @@ from plat.studio.dock import Dock, unzipped
 __all__ = ["Access", "guarded_server"]
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
+_ANY = ("", "0.0.0.0")
 _COOKIE = "plat_studio_token"
 
 
@@ -37,6 +38,7 @@ class Access:
 
     def __init__(self, host: str, port: int):
         self._port = port
+        self._host = "localhost" if host in (*_LOCAL, *_ANY) else host
         self._local = host in _LOCAL
         self.token: str | None = None if self._local else secrets.token_urlsafe(16)
         """What visitors must know; None where only this machine can reach the studio."""
@@ -44,7 +46,7 @@ class Access:
     @property
     def url(self) -> str:
         """Return the address to open in a browser of this machine."""
-        return f"http://localhost:{self._port}/" + (f"?token={self.token}" if self.token else "")
+        return f"http://{self._host}:{self._port}/" + (f"?token={self.token}" if self.token else "")
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
         """Return why a request is not let in, or None for one that is.

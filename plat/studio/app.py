@@ -282,6 +282,8 @@ def _check_port(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except (OSError, OverflowError) as error:
+            if ":" in host:
+                raise StudioError(f"--host {host!r} is of IPv6, expected an address of IPv4, or a name") from error
             raise StudioError(
                 f"port {port} of {host!r} cannot be opened ({error}): choose another --port (or --host)"
             ) from error

@@ -1,11 +1,11 @@
 """Autosave: a copy of unsaved keyframes, for the case that the studio or the browser ends."""
 
-import stat
 import time
 from itertools import count
 from pathlib import Path
 
 from plat.errors import PlatError
+from plat.studio.folder import mark_of
 from plat.studio.session import Session
 from plat.studio.timeline import Timeline
 
@@ -39,7 +39,7 @@ class Autosave:
         """The file, once there is one."""
         self._left: tuple[int, ...] | None = None
         first = Path(AUTOSAVE)
-        found = [(mark, path) for path in folder.glob(f"{first.stem}*{first.suffix}") if (mark := _mark(path))]
+        found = [(mark, path) for path in folder.glob(f"{first.stem}*{first.suffix}") if (mark := mark_of(path))]
         self._former = max(found, default=None)
         self.former = self._read()
         """Content of the newest file that a former studio left."""
@@ -69,7 +69,7 @@ class Autosave:
 
     @property
     def _untouched(self) -> bool:
-        return self.path is not None and self._left is not None and _mark(self.path) == self._left
+        return self.path is not None and self._left is not None and mark_of(self.path) == self._left
 
     def tick(self, at_once: bool = False) -> bool:
         """Write the copy when it is due, or at once; return whether there is news of it.
@@ -98,7 +98,7 @@ class Autosave:
         try:
             path = self._free_path()
             self._session.write(path)
-            self.path, self._left, self._saved = path, _mark(path), self._session.saved
+            self.path, self._left, self._saved = path, mark_of(path), self._session.saved
             self.words = f"autosaved {time.strftime('%H:%M:%S')}"
         except (PlatError, OSError) as error:
             self.words = f"not autosaved: {error}"
@@ -118,12 +118,3 @@ def _is_there(path: Path) -> bool:
     except FileNotFoundError:
         return False
     return True
-
-
-def _mark(path: Path) -> tuple[int, ...] | None:
-    """Return what changes when a regular file is written again, the time first; None where there is none."""
-    try:
-        found = path.lstat()
-    except OSError:
-        return None
-    return (found.st_mtime_ns, found.st_ino, found.st_size) if stat.S_ISREG(found.st_mode) else None

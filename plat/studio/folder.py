@@ -7,7 +7,7 @@ from plat.errors import StudioError
 from plat.files import expand_home, replace_file
 from plat.keyframes.files import is_keyframe_file
 
-__all__ = ["Folder"]
+__all__ = ["Folder", "mark_of"]
 
 
 class Folder:
@@ -79,3 +79,12 @@ class Folder:
             probe.unlink()
         except OSError as error:
             raise StudioError(f"file {str(path)!r} cannot be written ({error.strerror or error})") from error
+
+
+def mark_of(path: Path) -> tuple[int, ...] | None:
+    """Return what changes when a regular file is written again, the time first; None where there is none."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    return (found.st_mtime_ns, found.st_ino, found.st_size) if stat.S_ISREG(found.st_mode) else None

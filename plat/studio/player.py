@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plat.control import (
+    HOLD,
     Chase,
     ChaseStep,
     Controller,
@@ -21,10 +22,8 @@ from plat.keyframes import KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
 
-__all__ = ["HOLD", "Player", "Summary", "chased", "score"]
+__all__ = ["Player", "Summary", "chased", "score"]
 
-HOLD = 0.6
-"""Seconds that a played robot stays in the last keyframe."""
 # Most control steps to catch up on at once on a slow machine; beyond that, playback slows down.
 _CATCH_UP = 5
 
@@ -54,7 +53,7 @@ class Player:
         self._changed = False
         self._ahead = 0.0
         self.finished = False
-        """Whether the last keyframe's arrival and :data:`HOLD` are over, or the simulation ended early."""
+        """Whether the last keyframe's arrival and :data:`plat.control.HOLD` are over, or the simulation ended early."""
         self.step: ChaseStep | None = None
         """The last step that was taken."""
         self.times: list[float] = []

@@ -64,6 +64,8 @@ class Session:
         self._floor = Floor(robot)
         self.saved = self.timeline
         """The keyframes as they were when they were last saved or loaded."""
+        self.opened: Path | None = None
+        """The file that was opened to begin with."""
         self._clipboard: Keyframe | None = None
         self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
         self._dragging = False
@@ -238,6 +240,16 @@ class Session:
             StudioError: for a name that is none of :data:`plat.studio.templates.TEMPLATES`.
         """
         self.edit(template(name, self.timeline, self.poser))
+
+    def open(self, path: str | Path) -> None:
+        """Open a keyframe file to begin with, which cannot be undone.
+
+        Raises:
+            KeyframeError: naming file, keyframe and field.
+        """
+        self.load(path)
+        self.history = History(self.timeline)
+        self.opened = expand_home(Path(path)).resolve()
 
     def begin_with(self, name: str) -> None:
         """Open a template as an example, which counts as saved and cannot be undone.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
-from plat.envs.settings import ReachLimits
+from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
 from plat.files import check_folder
@@ -112,6 +112,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         "xml": _with_floor(robot.asset_path.read_text(encoding="utf-8")),
         "control_dt": timing.control_dt,
         "max_steps": timing.max_steps,
+        "hold": HOLD,
         "joints": list(robot.joint_names),
         "joint_bodies": [model.body(int(body)).name for body in model.jnt_bodyid[1:]],
         "joint_range": robot.joint_range.double().tolist(),

@@ -187,6 +187,12 @@ def test_the_last_keyframe_of_a_sequence_is_held(feasibility: Feasibility) -> No
     ]
 
 
+def test_a_keyframe_that_the_next_one_repeats_is_held(feasibility: Feasibility) -> None:
+    jump = Keyframe(0.5, STAND.root_pos + np.array([0, 0, 0.2]), STAND.root_quat, STAND.joint_pos)
+    hold = feasibility.sequence(KeyframeSequence(G1, STAND, (jump, jump.at(1.0), STAND.at(1.5))))
+    assert [measures(concerns) for concerns in hold] == [["floating"], [], []]
+
+
 def test_margin_of_a_line_and_of_a_point() -> None:
     assert support_margin(np.array([0.0, 0.3]), [[-1, 0], [1, 0]]) == pytest.approx(-0.3, abs=1e-4)
     assert support_margin(np.array([0.5, 0.0]), [[-1, 0], [1, 0]]) == pytest.approx(0.0, abs=1e-9)

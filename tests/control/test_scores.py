@@ -95,6 +95,14 @@ def test_a_foot_that_leaves_its_place_in_a_hold_has_stepped():
     assert stepped.words == "held for 0.4 s, a foot moved by 0.05 m"
 
 
+def test_a_hold_that_is_over_before_the_feet_are_watched_says_so():
+    scorer = KeyframeScorer(G1)
+    for step in Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model()), hold=1.0):
+        scorer.add(step)
+    assert scorer.hold().foot_travel is None
+    assert scorer.hold().words == "held for 1.0 s, too short to see a step"
+
+
 def test_a_limp_robot_falls():
     *_, last = scores(Limp(), KeyframeSequence(G1, POSE, (POSE.at(1.0), POSE.at(2.0))))
     assert last.fell

@@ -51,6 +51,14 @@ def test_another_page_of_the_same_browser_is_refused(origin: str) -> None:
     assert "Origin" in reason
 
 
+@pytest.mark.parametrize(
+    ("host", "there"),
+    [("127.0.0.1", "localhost"), ("0.0.0.0", "localhost"), ("", "localhost"), ("192.168.1.5", "192.168.1.5")],
+)
+def test_the_address_that_is_printed_leads_to_the_studio(host: str, there: str) -> None:
+    assert Access(host, 8080).url.startswith(f"http://{there}:8080/")
+
+
 def test_beyond_this_machine_a_token_is_asked_for() -> None:
     access = Access("0.0.0.0", 8080)
     assert access.token is not None

@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -19,15 +20,22 @@ from plat.studio.autosave import AUTOSAVE
 from plat.studio.session import Session
 
 
-@pytest.fixture
-def studio(policies, tmp_path) -> Iterator[Studio]:
+@contextmanager
+def opened(session: Session, folder: Path) -> Iterator[Studio]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    session = Session(G1, policies)
-    studio = Studio(session, host="127.0.0.1", port=port, motions="", path="a.json", folder=tmp_path)
-    yield studio
-    studio.server.stop()
+    studio = Studio(session, host="127.0.0.1", port=port, motions="", path="a.json", folder=folder)
+    try:
+        yield studio
+    finally:
+        studio.server.stop()
+
+
+@pytest.fixture
+def studio(policies, tmp_path) -> Iterator[Studio]:
+    with opened(Session(G1, policies), tmp_path) as studio:
+        yield studio
 
 
 def named(studio: Studio, name: str) -> None:
@@ -87,6 +95,51 @@ def test_other_keyframes_are_asked_about_until_they_are_undone(studio, tmp_path,
     assert not asked(studio)
     studio.session.undo()
     assert not asked(studio), "an earlier state of the same keyframes"
+
+
+def test_a_file_that_something_else_wrote_is_asked_about(studio, tmp_path):
+    named(studio, "mine")
+    assert not asked(studio)
+    named_by_others = (tmp_path / "a.json").read_text().replace('"mine"', '"theirs"')
+    (tmp_path / "a.json").write_text(named_by_others)
+    studio._files.save()
+    question = studio._page.dock.state["question"]
+    assert question["text"].endswith("a.json was changed by something else since.")
+    studio._page.answer({"id": question["id"], "yes": False})
+    assert names(tmp_path / "a.json") == ["theirs"]
+    (tmp_path / "a.json").unlink()
+    assert not asked(studio), "there is nothing to lose"
+
+
+def test_the_line_says_saved_only_of_a_file_that_holds_the_keyframes(studio, tmp_path):
+    def line() -> tuple[str, bool]:
+        studio._files.show()
+        return tuple(studio._page.dock.state["file"][name] for name in ("name", "unsaved"))
+
+    named(studio, "mine")
+    assert line() == ("a.json", True)
+    studio._files.save()
+    assert line() == ("a.json", False)
+    studio._files._path.value = "b.json"
+    assert line() == ("b.json", True)
+    studio._files._path.value = "a.json"
+    studio._files._upload("walk.json", (tmp_path / "a.json").read_bytes())
+    assert line() == ("a.json", True)
+    studio.session.new()
+    assert line() == ("a.json", False)
+
+
+def test_a_file_to_begin_with_is_saved_to_and_opening_it_is_no_step(policies, tmp_path):
+    session = Session(G1, policies)
+    session.add()
+    session.save(tmp_path / "a.json")
+    session = Session(G1, policies)
+    session.open(tmp_path / "a.json")
+    assert not session.history.can_undo
+    session.edit(session.timeline.renamed("new"))
+    with opened(session, tmp_path) as studio:
+        assert not asked(studio)
+    assert names(tmp_path / "a.json") == ["new"]
 
 
 def test_the_restored_file_is_saved_to_and_stays(studio, tmp_path):

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from tensordict.nn import TensorDictModuleBase
 
+from plat.control import HOLD
 from plat.errors import KeyframeError, StudioError
 from plat.modules import LatentPolicy, LatentPolicyConfig
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
 from plat.studio.playback import Playback
-from plat.studio.player import HOLD
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
 
@@ -72,7 +72,7 @@ def test_what_was_played_can_be_looked_at_again(playback):
 def test_a_loop_begins_again(playback):
     playback.loop = True
     playback.play()
-    for _ in range(18):
+    for _ in range(round(10 * (0.8 + HOLD)) + 4):
         playback.tick(0.1)
     assert playback.playing
     assert playback.cursor < 0.6

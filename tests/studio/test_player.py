@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plat.control import PolicyController
+from plat.control import HOLD, PolicyController
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
-from plat.studio.player import HOLD, Player, Summary, score
+from plat.studio.player import Player, Summary, score
 from plat.studio.timeline import Timeline
 from tests.control.puppets import Kicking, Limp, Puppet
 

@@ -30,11 +30,11 @@ from plat.spec.timing import Timing
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 import plat.studio.static
-from plat.control import Chase, Feasibility, KeyframeScorer, PolicyController, Simulator, lead_around
+from plat.control import HOLD, Chase, Feasibility, KeyframeScorer, PolicyController, Simulator, lead_around
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
-from plat.studio.player import HOLD, Player, score
+from plat.studio.player import Player, score
 from plat.studio.poser import HANDLES, Poser
 from plat.studio.poses import Floor, mirrored, placed
 from plat.studio.static import LIBRARIES, site_facts, write_static
@@ -684,9 +684,16 @@ def test_keyframes_are_kept_while_they_are_edited_and_when_the_page_is_left(page
     )
     assert kept, "after a second, although the edits went on"
     visitor.begin("squat")
+    visitor.get("setJoint(0.1)")
     page.reload()
     page.wait_for_function("window.platStudio !== undefined")
     assert visitor.get("timeline.labels") == ["start", "1 down", "2 up"]
+    assert visitor.get("unsaved"), "no file holds them"
+    visitor.get("name = 'squat.json'")
+    visitor.get("save()")
+    page.reload()
+    page.wait_for_function("window.platStudio !== undefined")
+    assert (visitor.get("unsaved"), visitor.get("name")) == (False, "squat.json")
 
 
 @pytest.mark.slow

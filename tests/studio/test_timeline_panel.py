@@ -76,6 +76,19 @@ def test_a_drag_with_a_pause_is_one_step_to_undo(panel, dragged):
     assert session.timeline.keyframes == before.keyframes
 
 
+def test_what_is_typed_is_for_the_keyframe_that_was_seen(panel):
+    session = panel._page.session
+    frames = tuple(standing(G1).at(time) for time in (1.0, 2.0))
+    session.edit(Timeline(G1, standing(G1), frames, 1))
+    panel.receive({"do": "select", "number": 2})  # on another page
+    panel.receive({"do": "rename", "number": 1, "value": "up"})
+    panel.receive({"do": "hold", "number": 1, "value": 0.2})
+    panel.receive({"do": "interval", "number": 1, "value": 0.8})
+    assert [frame.name for frame in session.timeline.keyframes] == ["up", None]
+    assert session.timeline.holds == (0.2, 0.0)
+    assert [frame.time for frame in session.timeline.keyframes] == pytest.approx([0.8, 2.0])
+
+
 @pytest.mark.parametrize("value", [[1], {"1x": 1}, None, 3, "9x", [[1] * 500]])
 def test_a_speed_that_is_none_is_named(panel, value):
     with pytest.raises(StudioError, match="expected one of 1x, 1/2, 1/4, 1/10$") as error:

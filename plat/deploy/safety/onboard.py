@@ -19,6 +19,7 @@ from plat.json_file import short
 __all__ = ["OnboardController", "OnboardReading"]
 
 _SWAY = 0.1  # rad and rad/s, standard deviation of joint angles and gyroscope: more is no noise
+_NEVER_STILL = ("gyro", "acceleration")  # their noise moves the last digits; encoders of a robot at rest may not change
 _LONGEST_GAP = 0.5  # s: what the estimator bridges when readings were lost
 # what numpy says of numbers that are none, of lists of lists, and of equations that wild numbers lead to
 _FAULTS = (PlatError, ValueError, TypeError, AttributeError, np.linalg.LinAlgError)
@@ -129,7 +130,7 @@ class OnboardController:
         self._time = self._sent = self._heard = self._due = -np.inf
         self._fresh = False
         self._hot = np.empty(0)
-        self._numbers, self._changed = b"", -np.inf
+        self._changed: dict[str, tuple[bytes, float]] = {}
 
     def stop(self, reason: str = "asked for") -> JointCommand:
         """Go to damping mode and return its command: an emergency stop."""
@@ -192,7 +193,7 @@ class OnboardController:
         limits, joints = self._settings, len(self._robot.joint_names)
         sizes = {"joint_pos": joints, "joint_vel": joints, "gyro": 3, "acceleration": 3, "torque": joints}
         most = {"joint_vel": limits.joint_speed, "gyro": limits.turn_speed, "acceleration": limits.acceleration}
-        numbers = b""
+        numbers = {"": b""}
         for field in fields(OnboardReading):
             name = field.name
             if name == "temperature" or (values := getattr(reading, name)) is None:
@@ -202,12 +203,16 @@ class OnboardController:
                 raise StateError(f"{name}: expected {sizes[name]} finite numbers")
             if name in most and (largest := float(np.abs(values).max())) > most[name]:
                 raise StateError(f"{name} of {largest:.3g}, at most {most[name]:g} is plausible")
-            numbers += values.tobytes()
+            numbers[""] += values.tobytes()
+            if name in _NEVER_STILL:
+                numbers[name] = values.tobytes()
         # the estimate moves while sensors are frozen, so its watchdog would not notice
-        if numbers != self._numbers or now < self._changed:
-            self._numbers, self._changed = numbers, now
-        elif now - self._changed > limits.frozen * self._robot.control_dt:
-            raise StateError(f"the same numbers for {now - self._changed:.2f} s: frozen sensors")
+        for name, read in numbers.items():
+            before, changed = self._changed.get(name, (b"", np.inf))
+            if read != before or now < changed:
+                self._changed[name] = read, now
+            elif now - changed > limits.frozen * self._robot.control_dt:
+                raise StateError(f"{name or 'all'}: the same numbers for {now - changed:.2f} s: frozen sensors")
 
     def _settle(self, now: float, reading: OnboardReading) -> None:
         """Gather readings of a robot at rest; begin the estimate after some time."""

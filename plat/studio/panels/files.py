@@ -4,10 +4,11 @@ from pathlib import Path
 
 import viser
 
+from plat.errors import StudioError
 from plat.keyframes.splits import unit_doubt
 from plat.studio.autosave import AUTOSAVE, Autosave
 from plat.studio.desk import Task
-from plat.studio.folder import Folder
+from plat.studio.folder import Folder, mark_of
 from plat.studio.page import Page
 from plat.studio.timeline import Timeline
 from plat.words import counted
@@ -28,7 +29,10 @@ class FilePanel:
     def __init__(self, page: Page, path: str, folder: Folder, autosave: Autosave):
         self._page, self._folder, session, gui = page, folder, page.session, page.gui
         self._autosave = autosave
-        self._own: tuple[Path, object] | None = None  # the file that was written or read last, and of which keyframes
+        # the file that was written or read last, of which keyframes, and as what it was left
+        self._own: tuple[Path, object, object] | None = None
+        if session.opened is not None and session.opened == self._in_folder(path):
+            self._owns(session.opened)
         self._path = gui.add_text("File", path, hint=f"In {folder.root}, on the machine that the studio runs on.")
         page.buttons("", {"Save": self.save, "Load": self._load, "New": session.new})
         gui.add_markdown(f"Folder: `{folder.root}`")
@@ -66,25 +70,40 @@ class FilePanel:
         """Return the name of the file in the box, which need not be in the folder."""
         return (Path(self._path.value).name.removesuffix(".json") or "keyframes") + ".json"
 
+    def _in_folder(self, name: str) -> Path | None:
+        """Return the path of a keyframe file of the folder; None for a name that is none."""
+        try:
+            return self._folder.file(name, ".json")
+        except StudioError:
+            return None
+
+    def _owns(self, path: Path) -> None:
+        """Keep in mind that a file holds the keyframes as they are now."""
+        self._own = path, self._page.session.timeline.origin, mark_of(path)
+
     def save(self) -> None:
-        """Save to the file in the box; a file of other keyframes is only replaced when the user agrees."""
+        """Save to the file in the box.
+
+        A file of other keyframes, or one that something else has written since, is only replaced when the user agrees.
+        """
         path = self._folder.file(self._path.value, ".json")
 
         def save() -> None:
             self._page.session.save(path)
-            self._own = path, self._page.session.timeline.origin
+            self._owns(path)
             self._autosave.discard()
             self._page.notify("Saved", str(path), "good")
 
-        if self._own == (path, self._page.session.timeline.origin):
+        if self._own == (path, self._page.session.timeline.origin, mark_of(path)):
             save()
         else:
-            self._once_agreed(path, save)
+            changed = self._own is not None and self._own[:2] == (path, self._page.session.timeline.origin)
+            self._once_agreed(path, save, "was changed by something else since" if changed else "is there already")
 
     def _load(self) -> None:
         path = self._folder.file(self._path.value, ".json")
         self._loaded(self._path.value, lambda: self._page.session.load(path))
-        self._own = path, self._page.session.timeline.origin
+        self._owns(path)
 
     def _upload(self, name: str, content: bytes) -> None:
         self._loaded(name, lambda: self._page.session.from_json(name, content))
@@ -99,10 +118,12 @@ class FilePanel:
         self._restore_button.visible = False
 
     def show(self) -> None:
-        """Update the line about the file."""
+        """Update the line about the file: the one in the box holds the keyframes, or they are not saved."""
+        session = self._page.session
+        elsewhere = self._own is None or self._own[:2] != (self._in_folder(self._path.value), session.timeline.origin)
         state = {
             "name": Path(self._path.value).name,
-            "unsaved": self._page.session.unsaved,
+            "unsaved": session.unsaved or (bool(session.timeline.keyframes) and elsewhere),
             "restorable": self._restore_button.visible,
         }
         self._page.dock.show("file", {**state, "autosave": self._autosave.words})
@@ -122,12 +143,12 @@ class FilePanel:
         told, kind = (f"; {ended}", "error") if ended else ("", "good")
         return lambda: self._page.notify("Video", f"written to {path}{told}", kind)
 
-    def _once_agreed(self, path: Path, write: Task) -> None:
+    def _once_agreed(self, path: Path, write: Task, what: str = "is there already") -> None:
         """Write at once where nothing is replaced; otherwise ask the user first."""
         if not self._folder.taken(path):
             write()
             return
-        self._page.ask("Replace the file?", f"{path} is there already.", "Replace", write)
+        self._page.ask("Replace the file?", f"{path} {what}.", "Replace", write)
 
     def _loaded(self, name: str, load: Task) -> None:
         load()

@@ -12,7 +12,7 @@ from plat.studio.dock import Message
 from plat.studio.page import Page
 from plat.studio.playback import SPEEDS
 from plat.studio.tables import grade
-from plat.studio.timeline import LONGEST_INTERVAL
+from plat.studio.timeline import LONGEST_INTERVAL, Timeline
 
 __all__ = ["TimelinePanel"]
 
@@ -49,10 +49,10 @@ class TimelinePanel:
             "retime": self._retime,
             "nudge": self._nudge,
             "hold": lambda message: edit(
-                session.timeline.held(_number(message, "value")), ("hold", session.timeline.selected)
+                self._meant(message).held(_number(message, "value")), ("hold", self._meant(message).selected)
             ),
-            "interval": lambda message: edit(session.timeline.stretched(_number(message, "value"))),
-            "rename": lambda message: edit(session.timeline.renamed(str(message.get("value", ""))[:60])),
+            "interval": lambda message: edit(self._meant(message).stretched(_number(message, "value"))),
+            "rename": lambda message: edit(self._meant(message).renamed(str(message.get("value", ""))[:60])),
             "drag": lambda _: session.begin_drag(),
             "end": lambda _: session.end_drag(),
             "add": self._add,
@@ -73,6 +73,11 @@ class TimelinePanel:
         if name in self._actions:
             dragged = (name, str(message.get("number"))) if name in _DRAGGED else None
             self._page.desk.ask(lambda: self._actions[name](message), dragged)
+
+    def _meant(self, message: Message) -> Timeline:
+        """Return the timeline with the keyframe selected that the user saw, which another page may have left since."""
+        timeline = self._page.session.timeline
+        return timeline.select(int(_number(message, "number"))) if "number" in message else timeline
 
     def _add(self, message: Message) -> None:
         if "time" in message:

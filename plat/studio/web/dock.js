@@ -96,10 +96,12 @@
     const commit = () => {
       const text = at[name].value, value = kind === "number" ? Number(text.replace(",", ".")) : text;
       const refused = kind === "number" && !(text.trim() && value >= least() && value <= state.timeline.longest);
-      if (!refused) send(what, { value });
+      if (!refused) send(what, { value, number: meant ?? state.timeline.selected });
       else showNote({ kind: "error", title: "That did not work", text: `${label} is ${text.trim() ? `"${text}"` : "empty"}, expected a number from ${least()} to ${state.timeline.longest}.` });
       setTimeout(show, refused ? 0 : 800); // what is refused is not left standing
     };
+    let meant; // the keyframe that was selected when the user began: another page may select another one meanwhile
+    at[name].onfocus = () => { meant = state.timeline.selected; };
     at[name].onchange = commit;
     at[name].onkeydown = (event) => { if (event.key === "Enter") at[name].blur(); };
     return at[name];
@@ -266,7 +268,7 @@
     drag.moved = true;
     if (drag.kind === "seek") sendSoon("seek", { time: snapped(x) });
     else if (drag.kind === "key" && drag.number > 0) sendSoon("retime", { number: drag.number, time: toTime(x - drag.grip) });
-    else if (drag.kind === "hold") sendSoon("hold", { value: Math.max(toTime(x) - state.timeline.poses[drag.number].time, 0) });
+    else if (drag.kind === "hold") sendSoon("hold", { number: drag.number, value: Math.max(toTime(x) - state.timeline.poses[drag.number].time, 0) });
   }
 
   function up() {

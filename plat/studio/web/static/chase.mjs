@@ -3,7 +3,6 @@
 import { asArrived, between, following, mask, nearestStep, withCommandedRoot } from "./keyframes.mjs";
 import { angle } from "./rotations.mjs";
 
-const HOLD = 0.6;
 const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 
@@ -40,7 +39,7 @@ export class Chase {
   }
 
   async step() {
-    const command = this.command(this.taken), end = this.arrivals[this.frames.length] * this.control_dt + HOLD;
+    const command = this.command(this.taken), end = this.arrivals[this.frames.length] * this.control_dt + this.robot.site.hold;
     if (command.holding && this.time + 1e-9 >= end) {
       this.finished = true;
       this.data.delete();

@@ -10,7 +10,7 @@ import { Robot } from "./robot.mjs";
 import { conjugate, fromHeadingPitchRoll, headingPitchRoll, multiply } from "./rotations.mjs";
 import { Scene } from "./scene.mjs";
 
-const AUTOSAVE = "plat-keyframes", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5;
+const AUTOSAVE = "plat-keyframes", FILE = "plat-keyframes-file", SPEEDS = { "1x": 1, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1 }, CATCH_UP = 5;
 const PAUSE = 1000; // ms after which what is done again is another step to undo
 const together = (bodies, robot) => (bodies.size ? `, inside each other: ${[...bodies].map((body) => robot.bodyNames[body]).sort().join(", ")}` : "");
 const degrees = (radians) => (radians * 180) / Math.PI;
@@ -43,16 +43,16 @@ export async function play({ robot, policies, site }, name, text) {
 /* Copies for the next visit: each tab has its own, and a new one begins with the last of any. */
 const STORES = ["sessionStorage", "localStorage"];
 
-function keepCopy(timeline, stores) {
-  const text = timeline.keyframes.length ? write(timeline) : "";
-  for (const store of stores) try { window[store].setItem(AUTOSAVE, text); } catch { /* a private window */ }
+function keepCopy({ timeline, name, saved }, stores) {
+  const text = timeline.keyframes.length ? write(timeline) : "", file = JSON.stringify({ name, saved });
+  for (const store of stores) try { window[store].setItem(AUTOSAVE, text); window[store].setItem(FILE, file); } catch { /* a private window */ }
 }
 
 function keptCopy(site) {
   for (const store of STORES) {
     try {
       const text = window[store].getItem(AUTOSAVE);
-      if (text !== null) return text ? Timeline.of(site, read(text, site)) : null;
+      if (text !== null) return text ? { ...JSON.parse(window[store].getItem(FILE)), timeline: Timeline.of(site, read(text, site)) } : null;
     } catch { /* a private window, or another robot's */ }
   }
   return null;
@@ -186,8 +186,13 @@ class Studio {
     if (this.autosave === null) return;
     clearTimeout(this.autosave);
     this.autosave = null;
-    keepCopy(this.timeline, STORES);
+    this.keepNow();
   }
+
+  keepNow() { keepCopy({ timeline: this.timeline, name: this.name, saved: !this.unsaved }, STORES); }
+
+  /* Whether there is anything that no file of the user's holds. */
+  get unsaved() { return this.timeline.keyframes.length > 0 && this.timeline.keyframes !== this.saved.keyframes; }
 
   swap(source, target) {
     this.gesture = null;
@@ -246,6 +251,7 @@ class Studio {
     link.click();
     URL.revokeObjectURL(link.href);
     this.saved = this.timeline;
+    this.keepNow();
     this.note("Saved", `${this.name}, among your downloads`, "good");
   }
 
@@ -531,7 +537,7 @@ class Studio {
     const marks = timeline.keyframes.length ? timeline.sequence(this.policies[this.policy].maxSteps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
     this.channel.show({
       timeline: { poses, selected: timeline.selected, interval: timeline.interval, duration: timeline.duration, marks, longest: LONGEST_INTERVAL, undo: this.past.length > 0, redo: this.future.length > 0, paste: this.clipboard !== null },
-      file: { name: this.name, unsaved: timeline.keyframes !== this.saved.keyframes && timeline.keyframes.length > 0, autosave: "" }, busy: this.busy,
+      file: { name: this.name, unsaved: this.unsaved, autosave: "" }, busy: this.busy,
     });
     this.scene.showHandles(this.robot.frames(qpos), this.handle, this.pins, this.posing, this.robot.jointFrame(this.jointNumber, qpos));
     at.handle.value = this.handle;
@@ -574,9 +580,10 @@ export async function begin(channel) {
     words("plat keyframe studio", "Loading physics and policy, some 30 MB …");
     const studio = new Studio(channel, await open());
     const kept = keptCopy(studio.site);
-    studio.timeline = kept ?? studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
+    studio.timeline = kept?.timeline ?? studio.continued(Object.keys(studio.site.templates)[0], studio.timeline);
     if (kept) keepCopy(kept, [STORES[0]]); // now also this tab's
-    studio.saved = studio.timeline;
+    studio.name = kept?.name ?? studio.name;
+    if (kept?.saved ?? true) studio.saved = studio.timeline;
     studio.cursor = studio.timeline.pose.time;
     studio.show();
     if (kept) studio.note("Restored", "These are the keyframes of your last visit. New, and Add, begin anew.");
