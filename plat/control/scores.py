@@ -104,7 +104,7 @@ class HoldScore:
         seconds: held so far.
         fell_at: second of the hold at which the robot lay down; None when it did not, or lay already.
         down: whether the robot lies at the end.
-        foot_travel: greatest distance of a foot from where it was when the hold had settled (m); None where it was over by then.
+        foot_travel: greatest distance of a foot from where it was when the hold had settled (m); None before that.
         stepped: whether that is a step.
     """
 
