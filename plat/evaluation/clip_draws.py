@@ -133,8 +133,7 @@ class ClipNoise(ObservationNoise):
 
     def __init__(self, library: MotionLibrary, levels: NoiseLevels, seeds: ClipSeeds):
         super().__init__(library.robot, levels)
-        frame: NestedKey = ("motion", "frame")
-        self.in_keys = [*self.in_keys, frame]
+        self.in_keys: list[NestedKey] = [*self.out_keys, ("motion", "frame")]
         self._library = library
         self._seeds = seeds
         self._generator = torch.Generator()
