@@ -1,6 +1,7 @@
 """README, documentation and weights name what exists."""
 
 import importlib
+import inspect
 import re
 import tomllib
 from pathlib import Path
@@ -108,3 +109,34 @@ def test_the_table_of_extras_is_complete():
     (within,) = (re.findall(r"[\w-]+", one)[1:] for one in extras["dev"] if one.startswith("plat-rl["))
     (told,) = (told for names, told in rows if "`dev`" in names)
     assert set(re.findall("`(.*?)`", told)) == set(extras) - set(within) - {"dev"}
+
+
+ROLE = re.compile(r":(?:attr|class|data|exc|func|meth|mod):`~?(plat\.[\w.]+)`")
+SOURCES = sorted(path for path in ROOT.glob("plat/**/*.py") if path.is_file())
+
+
+def is_there(name: str) -> bool:
+    """Whether a dotted name of a docstring stands for something, be it what instances of a class alone have."""
+    owner, _, attribute = name.rpartition(".")
+    try:
+        kind = resolve(owner)
+        if isinstance(kind, type) and re.search(rf"self\.{attribute}\b", inspect.getsource(kind)):
+            return True
+        resolve(name)
+    except AttributeError:
+        return False
+    return True
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning")  # of an old name, which is there
+def test_references_in_docstrings_exist():
+    named = {(name, name_of(path)) for path in SOURCES for name in ROLE.findall(path.read_text())}
+    assert len(named) > 100
+    assert not {(name, page) for name, page in named if not is_there(name)}
+
+
+def test_a_reference_to_nothing_is_found():
+    (name,) = ROLE.findall(":func:`~plat.export.run_card`, :class:`Run`")
+    assert not is_there(name)
+    assert is_there("plat.modules.Expert.goals")
+    assert not is_there("plat.modules.Expert.gaols")

@@ -95,7 +95,11 @@ class Tracker(TensorDictModuleBase):
     stateful = True
 
     def references(self, library: MotionLibrary) -> list[Transform]:
-        """Return the transforms that add the dense reference, see :class:`plat.modules.Teacher`."""
+        """Return the transforms that add the dense reference, see :class:`plat.modules.Teacher`.
+
+        Args:
+            library: motions of the environment, on its device.
+        """
         return self.observe(library, dense=True)
 
     def labels(self) -> TensorDictModuleBase:

@@ -123,7 +123,7 @@ class EvaluateRecipe(ScoringConfig):
     strips: Path | None = None
     """folder to draw a film strip of each authored family into, as PDF and PNG"""
     domain_randomization: bool = False
-    """draw robot, motors and ground anew for each motion, and push the robots"""
+    """draw robot, motors and ground for each motion, and push the robots"""
     disturbed: Fraction = 0.0
     """strength of all that a robot meets: the above, delays, load, noise; 1 is the full set"""
     csv: Path | None = None

@@ -116,16 +116,17 @@ def dagger_buffer(
     """Return the aggregated data set: a ring buffer of labeled states, sampled with their privileged goals.
 
     Args:
-        library: motions that the goals are gathered from.
+        library: motions that the goals are gathered from, on any device.
         capacity: number of states; the oldest are overwritten.
         batch_size: states per sample.
         stride: see :class:`PrivilegedGoals`.
+        device: of the states and of their goals.
     """
     check_value("buffer: capacity", capacity, Count)
     check_value("buffer: batch_size", batch_size, Count)
     return TensorDictReplayBuffer(
-        storage=DeviceStorage(capacity, device=check_device(device, meta=True)),
+        storage=DeviceStorage(capacity, device=check_device(device)),
         sampler=RandomSampler(),
-        transform=PrivilegedGoals(library, stride),
+        transform=PrivilegedGoals(library.to(device), stride),
         batch_size=batch_size,
     )

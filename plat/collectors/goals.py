@@ -25,7 +25,7 @@ class PrivilegedGoals(Transform):
     itself.
 
     Args:
-        library: motions.
+        library: motions, on the device of the batches.
         stride: keep every ``stride``-th frame, and the last.
 
     Raises:

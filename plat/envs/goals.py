@@ -158,5 +158,6 @@ def strided_offsets(steps: Tensor, stride: int) -> tuple[Tensor, Tensor]:
     """
     check_value("goals: stride", stride, Count)
     length = torch.div(steps + stride - 1, stride, rounding_mode="floor") + 1
-    offset = stride * torch.arange(int(length.max()), device=steps.device)
+    longest = int(length.max()) if len(length) else 0
+    offset = stride * torch.arange(longest, device=steps.device)
     return offset.expand(len(steps), -1).minimum(steps[:, None]), length

@@ -171,11 +171,13 @@ class G1TimedKeyframeEnv(gymnasium.Env):
     Its order is that of :func:`plat.spec.observation.student_keys`. The action ``[29]`` offsets the joint targets
     from the default pose, in units of the action scale.
 
-    An episode terminates when a command fails, and is truncated at the end of the motion. ``info`` has:
+    An episode terminates when a command fails, and is truncated at the end of the motion. A command fails beyond the
+    thresholds of TKS@3, and where the root is 0.5 m beside the motion. That limit is for training, and goes with
+    ``task=KeyframeTaskConfig(max_displacement=None)``. ``info`` has:
 
     - ``is_success``: no command of the episode has failed;
     - ``arrived``: a command ended with this step;
-    - ``met``: it arrived, within the thresholds of TKS@3 at every step of its window;
+    - ``met``: it arrived and has not failed;
     - ``reached``: it was met, and at the arrival what is commanded was near enough (:class:`plat.control.ReachLimits`);
     - ``steps_left``: control steps until the arrival of the command that is active next;
     - ``joint_error`` (rad), ``keypoint_error`` (m, world): mean errors against the motion at this moment, which at

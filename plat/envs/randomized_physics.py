@@ -150,12 +150,17 @@ class RandomizedPhysics:
 
     def push(self) -> Tensor:
         """Let a control step pass, and push the robots that are due ``[n]``; return them."""
-        due, ranges = self.clock.tick(), self._ranges
+        due = self.clock.tick()
         if len(due):
-            widths = torch.tensor((*ranges.push_lin_vel, *ranges.push_ang_vel), dtype=torch.float64)
-            self._physics.push(due, widths * _uniform(len(due), 6))
+            self._physics.push(due, self.draw_pushes(len(due)))
             self.clock.restart(due)
         return due
+
+    def draw_pushes(self, count: int) -> Tensor:
+        """Return random changes of root velocity ``[count, 6]`` (m/s in the world, rad/s in the root's frame)."""
+        ranges = self._ranges
+        widths = torch.tensor((*ranges.push_lin_vel, *ranges.push_ang_vel), dtype=torch.float64)
+        return widths * _uniform(count, 6)
 
 
 def _uniform(*shape: int) -> Tensor:

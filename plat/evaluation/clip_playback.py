@@ -7,8 +7,9 @@ import torch
 from tensordict.nn import TensorDictModuleBase
 
 from plat.envs.state import GeneralizedState
-from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
+from plat.envs.transforms import NEXT_FRAME, Horizon
 from plat.evaluation.rollout import make_evaluation_env
+from plat.evaluation.scoring import schedule_of_clips
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
@@ -31,7 +32,7 @@ def play(
     timing: Timing | None = None,
     device: torch.device | str = "cpu",
 ) -> Playback:
-    """Return the playback of a policy that chases the keyframes of a clip, as in :func:`plat.evaluation.evaluate`.
+    """Return the playback of a policy that chases the keyframes of a clip, those of :func:`plat.evaluation.evaluate`.
 
     Args:
         policy: deterministic policy.
@@ -44,9 +45,8 @@ def play(
         timing: of the policy; None for the one that it carries.
         device: of the policy.
     """
-    library = library.only(clip).to(device)
+    library, schedule = schedule_of_clips(library.to(device), horizon, seed, [clip])
     timing = timing or timing_of(policy)
-    schedule = CommandSchedule(library, horizon, seed)
     setting = EvaluationSetting(seed=seed, timing=timing, num_threads=1, device=device)
     task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe, interface), setting)
     rows: list[tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]] = []

@@ -1,23 +1,25 @@
 """Disturbances of known strength: pushes, friction, payload, latency, motor gains and sensor noise."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.bounds import NonNegative, check_value
+from plat.bounds import Bounded, Natural, NonNegative, Range
 from plat.envs.physics import BatchedPhysics, Physics, PhysicsFactory
-from plat.envs.randomized_physics import PushClock
 from plat.envs.tracking import MotionTrackingEnv
-from plat.envs.transforms import DomainRandomization, NoiseLevels, ObservationNoise
+from plat.envs.transforms import NoiseLevels
 from plat.envs.transforms.settings import RandomizationRanges
+from plat.evaluation.clip_draws import ClipDraws, ClipNoise, ClipSeeds, RandomizedClips
 from plat.evaluation.names import DisturbanceName
+from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
 
 __all__ = [
@@ -34,7 +36,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Disturbance(Bounded):
     """Disturbance of fixed strength; the default changes nothing.
 
     Attributes:
@@ -46,23 +48,18 @@ class Disturbance:
         noise: factor on the sensor noise of :class:`plat.envs.transforms.NoiseLevels`.
 
     Raises:
-        ConfigError: for a strength that is negative or not finite.
+        ConfigError: for a strength that is negative or not finite, motors beyond 0.99, and parts of a control step.
 
     >>> Disturbance(push=0.5).push
     0.5
     """
 
-    push: float = 0.0
-    friction: float | None = None
-    payload: float = 0.0
-    latency: int = 0
-    motors: float = 0.0
-    noise: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if value is not None:
-                check_value(f"disturbance: {name}", value, NonNegative)
+    push: NonNegative = 0.0
+    friction: NonNegative | None = None
+    payload: NonNegative = 0.0
+    latency: Natural = 0
+    motors: Annotated[float, Range(0, 0.99)] = 0.0
+    noise: NonNegative = 0.0
 
 
 @dataclass(frozen=True)
@@ -117,8 +114,8 @@ def is_undisturbed(name: DisturbanceName, value: float, robot: Robot) -> bool:
 _PUSH_INTERVAL = (1.0, 3.0)  # seconds
 
 
-class Disturbed(Transform):
-    """Transform that pushes robots, delays their joint targets, and sets friction and motor gains at resets.
+class Disturbed(ClipDraws):
+    """Transform that pushes robots, delays their joint targets, and sets friction and motor gains of each clip.
 
     A late target is preceded by the pose that the robot starts in. The observed last action is the one that the
     policy gave, also for the transforms behind it: put it first.
@@ -126,29 +123,30 @@ class Disturbed(Transform):
     Args:
         env: simulated robots, whose physics it changes.
         disturbance: its strength.
+        seeds: of the clips of the environment's library.
     """
 
-    def __init__(self, env: MotionTrackingEnv, disturbance: Disturbance):
-        super().__init__()
-        self._env = [env]  # in a list: nn.Module would otherwise adopt the environment as a child
+    def __init__(self, env: MotionTrackingEnv, disturbance: Disturbance, seeds: ClipSeeds):
+        super().__init__(env, seeds, _PUSH_INTERVAL if disturbance.push else None)
         self._disturbance = disturbance
-        self._pushes = PushClock(_PUSH_INTERVAL, env.library.dt, env.num_envs)
         default = torch.zeros(env.num_envs, env.robot.num_joints, device=env.device)
         self._coming = [default] * disturbance.latency
         self._given = default
 
-    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
+    def draw(self, ids: Tensor) -> None:
         env, strength = self._env[0], self._disturbance
-        mask = None if tensordict is None else tensordict.get("_reset", None)
-        ids = torch.arange(env.num_envs) if mask is None else mask.view(-1).cpu().nonzero()[:, 0]
         if strength.friction is not None:
             friction = torch.full((len(ids),), strength.friction, dtype=torch.float64)
             env.physics.set_friction(ids, env.robot.feet, friction)
         if strength.motors:
             draws = 2 * torch.rand(2, len(ids), env.robot.num_joints, dtype=torch.float64) - 1
             env.physics.set_gains(ids, *(1 + strength.motors * draws))
-        self._pushes.restart(ids)
-        return tensordict
+
+    def draw_pushes(self, count: int) -> Tensor:
+        angle = 2 * torch.pi * torch.rand(count, dtype=torch.float64)
+        push = torch.zeros(count, 6, dtype=torch.float64)
+        push[:, 0], push[:, 1] = angle.cos(), angle.sin()
+        return self._disturbance.push * push
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         if self._coming:
@@ -162,22 +160,12 @@ class Disturbed(Transform):
         return tensordict_reset
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if self._disturbance.push:
-            self._push()
+        tensordict = super()._inv_call(tensordict)
         if self._coming:
             self._coming = [*self._coming, tensordict["action"]]
             self._given = tensordict["action"]
             tensordict["action"] = self._coming.pop(0)
         return tensordict
-
-    def _push(self) -> None:
-        due = self._pushes.tick()
-        if len(due):
-            angle = 2 * torch.pi * torch.rand(len(due), dtype=torch.float64)
-            push = torch.zeros(len(due), 6, dtype=torch.float64)
-            push[:, 0], push[:, 1] = angle.cos(), angle.sin()
-            self._env[0].physics.push(due, self._disturbance.push * push)
-            self._pushes.restart(due)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if self._coming:
@@ -185,20 +173,22 @@ class Disturbed(Transform):
         return next_tensordict
 
 
-def observing_noise(robot: Robot, disturbance: Disturbance | None) -> list[Transform]:
+def observing_noise(library: MotionLibrary, disturbance: Disturbance | None, seeds: ClipSeeds) -> list[Transform]:
     """Return the transform that adds a disturbance's sensor noise; none without it."""
     if disturbance is None or not disturbance.noise:
         return []
-    levels = {name: disturbance.noise * width for name, width in asdict(NoiseLevels()).items()}
-    return [ObservationNoise(robot, NoiseLevels(**levels))]
+    return [ClipNoise(library, NoiseLevels().scaled(disturbance.noise), seeds)]
 
 
 def disturbing(
-    env: MotionTrackingEnv, randomization: RandomizationRanges | None, disturbance: Disturbance | None
+    env: MotionTrackingEnv,
+    randomization: RandomizationRanges | None,
+    disturbance: Disturbance | None,
+    seeds: ClipSeeds,
 ) -> Sequence[Transform]:
     """Return the transforms that randomize and disturb the robots of an environment, to stand before all others."""
-    transforms: list[Transform] = [] if randomization is None else [DomainRandomization(env, randomization)]
-    return transforms if disturbance is None else [*transforms, Disturbed(env, disturbance)]
+    transforms: list[Transform] = [] if randomization is None else [RandomizedClips(env, randomization, seeds)]
+    return transforms if disturbance is None else [*transforms, Disturbed(env, disturbance, seeds)]
 
 
 def loaded_physics(robot: Robot, disturbance: Disturbance | None) -> PhysicsFactory:

@@ -1,6 +1,6 @@
 """Rollout loop of an evaluation, and the environment that issues scheduled commands."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +20,7 @@ from plat.envs.transforms import (
     ReferenceMotion,
     ScheduledStarts,
 )
+from plat.evaluation.clip_draws import ClipSeeds
 from plat.evaluation.disturbance import disturbing, loaded_physics, observing_noise
 from plat.evaluation.finite import check_actions
 from plat.evaluation.setting import EvaluationSetting, ReferenceView
@@ -75,6 +76,7 @@ def make_evaluation_env(
     num_envs: int,
     view: ReferenceView | None = None,
     setting: EvaluationSetting | None = None,
+    clips: Sequence[int] | None = None,
 ) -> EvaluationEnv:
     """Return the environment of :func:`plat.evaluation.evaluate`: no reward, and sensor noise only by ``setting``.
 
@@ -84,13 +86,15 @@ def make_evaluation_env(
         num_envs: number of robots; takes the place of ``setting.num_envs``.
         view: how the policy is shown its reference.
         setting: conditions.
+        clips: numbers of the motions among all, which tell what is drawn for each; None where these are all.
     """
     view, setting = view or ReferenceView(), setting or EvaluationSetting()
     timing = setting.timing or Timing(control_dt=library.dt)
     env = simulated_robots(library, num_envs, setting)
     starts = ScheduledStarts(env.library, schedule, num_envs)
+    seeds = ClipSeeds(setting.seed, range(library.num_clips) if clips is None else clips)
     transforms: list[Transform] = [
-        *disturbing(env, setting.randomization, setting.disturbance),
+        *disturbing(env, setting.randomization, setting.disturbance, seeds),
         ReferenceMotion(env.library),
         KeyframeClock(timing.window, 0 if schedule.parts is None else schedule.parts.shape[1]),
         KeyframeTermination(env.robot, setting.limits),
@@ -98,7 +102,7 @@ def make_evaluation_env(
         starts,
         KeyframeCommand(env.library, schedule.horizon, schedule, view.command_group, timing),
         *view.transforms(env.library),
-        *observing_noise(env.robot, setting.disturbance),
+        *observing_noise(env.library, setting.disturbance, seeds),
     ]
     return EvaluationEnv(TransformedEnv(env, Compose(*transforms)), schedule, starts)
 

@@ -89,13 +89,11 @@ def evaluate(
     total_steps = int((schedule.target_frame >= 0).sum())
     done_steps = 0
     with torch.random.fork_rng(devices=[]):
-        # the generator of the domain randomization; another for each part
+        # for a policy that draws; another for each part
         torch.default_generator.manual_seed(setting.seed + 1_000_003 * chosen[0])
         view = ReferenceView(dense, goals, observe, interface)
-        robots = min(setting.num_envs, library.num_clips)
-        if setting.randomization is None and setting.disturbance is None:  # what is drawn depends on their number
-            robots = robots_for((library.clip_length - 1).tolist(), robots)
-        task = make_evaluation_env(library, schedule, robots, view, setting)
+        robots = robots_for((library.clip_length - 1).tolist(), min(setting.num_envs, library.num_clips))
+        task = make_evaluation_env(library, schedule, robots, view, setting, chosen)
         for step in task.steps(policy):
             recorder.add(step["motion", "frame"], task.active, step["next"])
             done_steps += int(task.active.sum())

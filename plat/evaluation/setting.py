@@ -28,9 +28,9 @@ class EvaluationSetting(Bounded):
     """Conditions that are the same for every policy of a comparison.
 
     Attributes:
-        seed: of the commands and of the randomization.
-        randomization: ranges of domain randomization and pushes, drawn at every reset; None for the nominal robot.
-            The random stream depends on resets, so disturbances differ between policies after their first failure.
+        seed: of the commands, and of what is drawn.
+        randomization: ranges of domain randomization and pushes; None for the nominal robot. A robot is drawn for each
+            motion and stays to its end. Pushes and noise are at its frames. All are the same for every policy.
         disturbance: of fixed strength, for robustness curves; None for none.
         limits: when a command has failed.
         partial: kind of partial keyframes that all commands are, one of :data:`plat.envs.parts.PART_KINDS`; None for
@@ -38,7 +38,7 @@ class EvaluationSetting(Bounded):
         timing: of the policy; None for the one that it carries, or the default at the control step of the motions.
         decimation: physics steps in a control step.
         feet: contact geometry of the soles.
-        num_envs: robots that are simulated at a time. Without ``randomization`` no score depends on it.
+        num_envs: robots that are simulated at a time. No score depends on it.
         num_threads: threads of the physics pool; None for one a core.
         device: of policy and tensors.
     """

@@ -23,6 +23,7 @@ from plat.envs.transforms import (
 )
 from plat.envs.transforms.command import check_timing
 from plat.errors import ConfigError
+from plat.evaluation.clip_draws import ClipSeeds
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.disturbance import disturbing, observing_noise
 from plat.evaluation.finite import check_actions
@@ -106,8 +107,10 @@ def evaluate_clips(
             if progress is not None:
                 progress((done + fraction * (len(motions) - motions.num_clips)) / total)
 
-        seeded = replace(setting, seed=setting.seed + 1_000_003 * min(batch))
-        part = _follow(policy, motions, schedule, judge.failed, view, seeded, timing, told)
+        with torch.random.fork_rng(devices=[]):
+            # for a policy that draws; another for each batch
+            torch.default_generator.manual_seed(setting.seed + 1_000_003 * min(batch))
+            part = _follow(policy, motions, batch, schedule, judge.failed, view, setting, timing, told)
         part["clip"] = torch.tensor(batch)
         parts.append(part)
         done += len(motions) - motions.num_clips
@@ -119,6 +122,7 @@ def evaluate_clips(
 def _follow(
     policy: TensorDictModuleBase,
     library: MotionLibrary,
+    clips: Sequence[int],
     schedule: CommandSchedule,
     failed_by: Callable[..., Tensor],
     view: ReferenceView,
@@ -126,19 +130,20 @@ def _follow(
     timing: Timing,
     progress: Callable[[float], None],
 ) -> dict[str, Tensor]:
-    """Return the columns of :class:`ClipRecords` for the clips of a library, but for their numbers."""
+    """Return the columns of :class:`ClipRecords` for the clips of a library, which have these numbers among all."""
     env = simulated_robots(library, library.num_clips, setting)
+    seeds = ClipSeeds(setting.seed, clips)
     task = TransformedEnv(
         env,
         Compose(
-            *disturbing(env, setting.randomization, setting.disturbance),
+            *disturbing(env, setting.randomization, setting.disturbance, seeds),
             ReferenceMotion(env.library),
             KeyframeClock(timing.window),
             KeyframeMetrics(env.library),
             FirstFrames(env.library),
             KeyframeCommand(env.library, schedule.horizon, schedule, view.command_group, timing),
             *view.transforms(env.library),
-            *observing_noise(env.robot, setting.disturbance),
+            *observing_noise(env.library, setting.disturbance, seeds),
         ),
     )
     steps = (library.clip_length - 1).to(env.device)
@@ -157,27 +162,25 @@ def _follow(
     def finished() -> bool:
         return not bool(alive.any())
 
-    with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(setting.seed)
-        for number, step in enumerate(policy_steps(checked, task, finished), 1):
-            before, after = step["state"], step["next", "state"]
-            reference = step["next", "reference"]
-            fell = alive & (failed_by(after, reference, env.robot) | step["next", "terminated"][:, 0])
-            failed |= fell
-            counted = alive & ~fell
-            offset = (after["keypoint_pos_w"] - before["keypoint_pos_w"]) - (
-                reference["keypoint_pos_w"] - library.poses(step["motion", "frame"])["keypoint_pos"]
-            )
-            values = {name: step["next", "metrics", name][:, 0] for name in CLIP_ERRORS[:3]}
-            values["vel_dist"] = offset.norm(dim=-1).mean(-1)
-            change = torch.zeros_like(offset) if velocity is None else offset - velocity
-            values["accel_dist"] = change.norm(dim=-1).mean(-1)
-            velocity = offset
-            for name, value in values.items():
-                errors[name] += torch.where(counted, value, 0.0).double()
-            tracked += counted
-            alive &= counted & (number < steps)
-            progress(float((tracked.sum() + (steps - tracked)[~alive].sum()) / steps.sum()))
+    for number, step in enumerate(policy_steps(checked, task, finished), 1):
+        before, after = step["state"], step["next", "state"]
+        reference = step["next", "reference"]
+        fell = alive & (failed_by(after, reference, env.robot) | step["next", "terminated"][:, 0])
+        failed |= fell
+        counted = alive & ~fell
+        offset = (after["keypoint_pos_w"] - before["keypoint_pos_w"]) - (
+            reference["keypoint_pos_w"] - library.poses(step["motion", "frame"])["keypoint_pos"]
+        )
+        values = {name: step["next", "metrics", name][:, 0] for name in CLIP_ERRORS[:3]}
+        values["vel_dist"] = offset.norm(dim=-1).mean(-1)
+        change = torch.zeros_like(offset) if velocity is None else offset - velocity
+        values["accel_dist"] = change.norm(dim=-1).mean(-1)
+        velocity = offset
+        for name, value in values.items():
+            errors[name] += torch.where(counted, value, 0.0).double()
+        tracked += counted
+        alive &= counted & (number < steps)
+        progress(float((tracked.sum() + (steps - tracked)[~alive].sum()) / steps.sum()))
     env.close()
     columns = {"frames": steps.double(), "tracked": tracked, "failed": failed}
     columns |= {f"errors.{name}": total for name, total in errors.items()}

@@ -54,7 +54,8 @@ class ImaginationLearner:
         actor: what imagined robots act by, on the same weights: its deterministic actor, or what ``loss`` asks for.
         model: the robot's model.
         task: observation, clock and cost.
-        config: settings.
+        config: settings. None is that of a new model and policy; for trained ones hand over
+            ``replace(config, **config.rates(model=True, policy=True)._asdict())``.
         effort: entry of the actor that is kept small.
         loss: the policy's loss, a subclass of it or a partial of one.
         reference_updates: updates in each iteration of the warm-up in which a new policy learns the task's reference

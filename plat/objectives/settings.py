@@ -44,7 +44,7 @@ class PPOConfig(Bounded):
     truncated: Literal["state", "mean"] = "state"
     """bootstrap value at truncation: of the last state, or the mean of the rollout"""
     target_kl: Positive = 0.02
-    """KL divergence (nats) per update that the adaptive learning rate aims at"""
+    """KL divergence (nats) the adaptive rate aims at; plat's first value, rsl_rl has 0.01"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -46,7 +46,7 @@ def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -
     Args:
         run: its directory.
         name: ``"hf:owner/name"``; the repository is made if it is not there.
-        card: Markdown, for example of :func:`plat.export.run_card`.
+        card: Markdown, for example of :func:`plat.export.card.run_card`.
         private: whether a new repository is private.
 
     Raises:

@@ -4,9 +4,11 @@ from tensordict import TensorDict
 from torchrl.collectors import Collector
 
 from plat.collectors import LOOKUP_KEYS, ExpertLabels, MixedPolicy, dagger_buffer
+from plat.collectors.storage import DeviceStorage
 from plat.envs import make_keyframe_env
 from plat.errors import ActionError
 from plat.modules import STUDENT_KEYS, Expert, ExpertConfig, LatentPolicy
+from plat.motions import MotionLibrary
 from plat.robots import G1
 from tests.modules.policies.test_student import SMALL
 
@@ -114,10 +116,17 @@ def test_what_is_loaded_is_on_the_device_of_the_buffer(library):
     buffer = dagger_buffer(library, capacity=50, batch_size=16)
     buffer.extend(TensorDict({"robot": {"joint_pos": torch.zeros(20, 29)}}, [20]))
     # "meta" stands for a GPU: a checkpoint is read to the CPU
-    resumed = dagger_buffer(library, capacity=50, batch_size=16, device="meta")
-    resumed.load_state_dict(buffer.state_dict())
+    resumed = DeviceStorage(50, device="meta")
+    resumed.load_state_dict(buffer.storage.state_dict())
     assert len(resumed) == 20
-    assert resumed.storage[:]["robot", "joint_pos"].device.type == "meta"
+    assert resumed[:]["robot", "joint_pos"].device.type == "meta"
+
+
+def test_goals_are_gathered_on_the_device_of_the_buffer(library, monkeypatch):
+    moved = []
+    monkeypatch.setattr(MotionLibrary, "to", lambda self, device: moved.append(device) or self)
+    dagger_buffer(library, capacity=50, batch_size=16, device="cpu")
+    assert moved == ["cpu"]  # a library on the CPU failed at the first sample of states on a GPU
 
 
 def test_padding_of_trajectories_is_not_labeled(library):

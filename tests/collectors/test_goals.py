@@ -59,7 +59,7 @@ def test_lookup_needs_only_where_to_look(library: MotionLibrary):
     assert out["privileged_goal", "frames"].shape == (2, 4, 80)
 
 
-@pytest.mark.parametrize("shape", [(3, 4), (12, 1), (1, 12), (2, 3, 2), (1, 1), ()])
+@pytest.mark.parametrize("shape", [(3, 4), (12, 1), (1, 12), (2, 3, 2), (1, 1), (), (0,), (2, 0)])
 def test_batches_of_any_depth(library: MotionLibrary, shape: tuple[int, ...]):
     states = make_keyframe_env(library, 12).reset()
     count = math.prod(shape)

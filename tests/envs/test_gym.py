@@ -302,3 +302,19 @@ def test_the_page_names_every_argument():
     table = page.partition("## Arguments")[2].partition("\n## ")[0]
     arguments = list(inspect.signature(plat.envs.gym.G1TimedKeyframeEnv.__init__).parameters)[1:]
     assert sorted(re.findall(r"(?m)^\| `(\w+)` \|", table)) == sorted(arguments)
+
+
+@pytest.mark.parametrize(
+    ("task", "fails"), [(KeyframeTaskConfig(), True), (KeyframeTaskConfig(max_displacement=None), False)]
+)
+def test_a_robot_beside_the_motion_fails_in_training_alone(task, fails):
+    """TKS@3 does not measure where on the floor a robot is."""
+    env = gymnasium.make("plat/G1TimedKeyframe-v0", motions="generated:train@30", task=task).unwrapped
+    env.reset(seed=0)
+    base = env._task.env.base_env
+    qpos, qvel = base.physics.state()
+    qpos[:, 0] += 0.6
+    base.physics.set_state(torch.arange(1), qpos, qvel)
+    _, _, terminated, _, info = env.step(np.zeros(29, np.float32))
+    assert (terminated, info["is_success"]) == (fails, not fails)
+    env.close()

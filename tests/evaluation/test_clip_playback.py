@@ -4,7 +4,7 @@ import torch
 
 from plat.baselines import Tracker
 from plat.envs.transforms import HORIZONS
-from plat.evaluation import play
+from plat.evaluation import evaluate, play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.robots import G1
@@ -56,3 +56,17 @@ def test_the_dense_reference_in_the_goals_of_an_expert(library):
 
     play(policy, library, 0, HORIZONS["long"], dense=True, goals={"goal": 1, "goal_6": 6})
     assert {"goal", "goal_6", "keyframe"} <= seen[0]
+
+
+def test_commands_are_those_of_the_evaluation():
+    """Clip 1 had those of clip 0."""
+    library = MotionLibrary.from_clips([standing_clip("a"), standing_clip("b")])
+
+    def still(tensordict):
+        return tensordict.set("action", torch.zeros(*tensordict.shape, 29))
+
+    records = evaluate(still, library, HORIZONS["mixed"])
+    for clip in (0, 1):
+        playback = play(still, library, clip, HORIZONS["mixed"])
+        begins = np.flatnonzero(np.append(True, (playback.steps_left <= 1) | playback.failed)[:-1])
+        assert playback.command_length[begins].tolist() == records.of_clips([clip]).length.tolist()

@@ -4,7 +4,9 @@ from torchrl.envs import Compose, TransformedEnv
 
 from plat.envs import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, Horizon
+from plat.errors import ConfigError
 from plat.evaluation import Disturbance, evaluate
+from plat.evaluation.clip_draws import ClipSeeds
 from plat.evaluation.disturbance import (
     STRENGTHS,
     Disturbed,
@@ -25,11 +27,10 @@ def clips() -> MotionLibrary:
 
 
 def disturbed(library: MotionLibrary, **strength) -> TransformedEnv:
-    disturbance = Disturbance(**strength)
+    disturbance, seeds = Disturbance(**strength), ClipSeeds(0, range(2))
     env = MotionTrackingEnv(library, 2, num_threads=1, physics=loaded_physics(G1, disturbance))
-    return TransformedEnv(
-        env, Compose(FirstFrames(library), *observing_noise(G1, disturbance), *disturbing(env, None, disturbance))
-    )
+    noise = observing_noise(library, disturbance, seeds)
+    return TransformedEnv(env, Compose(*disturbing(env, None, disturbance, seeds), FirstFrames(library), *noise))
 
 
 def rollout(env: TransformedEnv, actions: list[float]):
@@ -135,6 +136,20 @@ def test_the_first_friction_is_that_of_the_description():
 
 def test_nothing_is_added_without_a_disturbance(clips):
     env = MotionTrackingEnv(clips, 1, num_threads=1)
-    assert list(disturbing(env, None, None)) == [] == observing_noise(G1, None)
-    assert isinstance(disturbing(env, None, Disturbance())[0], Disturbed)
+    seeds = ClipSeeds(0, range(2))
+    assert list(disturbing(env, None, None, seeds)) == [] == observing_noise(clips, None, seeds)
+    assert isinstance(disturbing(env, None, Disturbance(), seeds)[0], Disturbed)
     env.close()
+
+
+@pytest.mark.parametrize("latency", [2.0, 1.5, -1])
+def test_latency_is_a_whole_number_of_control_steps(latency):
+    expected = f"Disturbance: latency is {latency}, expected a whole number of at least 0"
+    with pytest.raises(ConfigError, match=expected):  # 2.0 ended in a TypeError as robots were made
+        Disturbance(latency=latency)
+
+
+@pytest.mark.parametrize("motors", [1.0, -0.1])
+def test_motors_keep_a_stiffness_above_zero(motors):
+    with pytest.raises(ConfigError, match=f"motors is {motors}, expected a number from 0 to 0.99"):
+        Disturbance(motors=motors)

@@ -287,8 +287,8 @@ class KeyframeCommand(ObservationTransform):
         schedule: fixed commands; None draws them at random.
         group: name of the goal group.
         timing: of the policy; None for the default at the library's control step.
-        partial: share of the random commands that are partial keyframes, of the kinds in :data:`plat.envs.PART_KINDS`.
-            A schedule brings its own.
+        partial: share of the random commands that are partial keyframes, of the kinds in
+            :data:`plat.envs.parts.PART_KINDS`. A schedule brings its own.
 
     Partial keyframes need a :class:`KeyframeClock` that keeps ``("command", "parts")``, see :meth:`num_parts`.
 

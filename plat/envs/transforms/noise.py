@@ -31,6 +31,10 @@ class ObservationNoise(ObservationTransform):
         self.register_buffer("_half_widths", every, persistent=False)
 
     def compute(self, tensordict: TensorDictBase) -> dict[NestedKey, Tensor]:
-        values = torch.cat([tensordict[key] for key in self.in_keys], -1)
-        noisy = values + self._half_widths * (2 * torch.rand_like(values) - 1)
+        values = torch.cat([tensordict[key] for key in self.out_keys], -1)
+        noisy = values + self._half_widths * (2 * self.draw(tensordict, values) - 1)
         return dict(zip(self.out_keys, noisy.split(self._sizes, -1), strict=True))
+
+    def draw(self, tensordict: TensorDictBase, values: Tensor) -> Tensor:
+        """Return random numbers from 0 to 1, one for each measured value ``[n, S]``."""
+        return torch.rand_like(values)

@@ -5,11 +5,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.envs.randomized_physics import RandomizedPhysics
+from plat.envs.randomized_physics import PhysicsDraw, RandomizedPhysics
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms.settings import RandomizationRanges
 
-__all__ = ["DomainRandomization", "RandomizationRanges"]
+__all__ = ["DomainRandomization", "RandomizationRanges", "apply_draw"]
 
 
 class DomainRandomization(Transform):
@@ -42,15 +42,20 @@ class DomainRandomization(Transform):
         env = self._env[0]
         mask = None if tensordict is None else tensordict.get("_reset", None)
         ids = torch.arange(env.num_envs) if mask is None else mask.view(-1).cpu().nonzero()[:, 0]
-        drawn, rows = self._random.draw(ids), ids.to(env.device)
-        env.encoder_bias[rows] = drawn.encoder_bias.to(env.encoder_bias)
-        env.gyro_bias[rows] = drawn.gyro_bias.to(env.gyro_bias)
-        env.velocity_bias[rows] = drawn.velocity_bias.to(env.velocity_bias)
-        env.delay[rows] = drawn.delay.to(env.device)
-        env.drift[rows] = drawn.drift.to(env.drift)
-        env.drift_rate[rows] = drawn.drift_rate.to(env.drift_rate)
+        apply_draw(env, self._random.draw(ids), ids)
         return tensordict
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         self._random.push()
         return tensordict
+
+
+def apply_draw(env: MotionTrackingEnv, drawn: PhysicsDraw, ids: Tensor) -> None:
+    """Set what an environment keeps of the drawn robots ``[n]`` beside their physics."""
+    rows = ids.to(env.device)
+    env.encoder_bias[rows] = drawn.encoder_bias.to(env.encoder_bias)
+    env.gyro_bias[rows] = drawn.gyro_bias.to(env.gyro_bias)
+    env.velocity_bias[rows] = drawn.velocity_bias.to(env.velocity_bias)
+    env.delay[rows] = drawn.delay.to(env.device)
+    env.drift[rows] = drawn.drift.to(env.drift)
+    env.drift_rate[rows] = drawn.drift_rate.to(env.drift_rate)

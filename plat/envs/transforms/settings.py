@@ -43,7 +43,10 @@ class NoiseLevels(Bounded):
 
 @dataclass(frozen=True)
 class RandomizationRanges(Bounded):
-    """Ranges of domain randomization, sampled uniformly at each reset. A range of width 0 switches its term off."""
+    """Ranges of domain randomization, sampled uniformly: in training at each reset, in evaluation for each motion.
+
+    A range of width 0 switches its term off.
+    """
 
     foot_friction: Within = (0.3, 1.2)
     """sliding friction of the soles"""

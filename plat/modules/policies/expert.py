@@ -159,7 +159,11 @@ class Expert(nn.Module):
     stateful = False
 
     def references(self, library: MotionLibrary) -> list[Transform]:
-        """Return the transforms that show it its reference in :attr:`dense_goals`, beside a student's keyframe."""
+        """Return the transforms that show it its reference in :attr:`dense_goals`, beside a student's keyframe.
+
+        Args:
+            library: motions of the environment, on its device.
+        """
         return DenseGoal.of_groups(library, self.dense_goals)
 
     def labels(self) -> TensorDictModuleBase:

@@ -44,7 +44,7 @@ class Refinement(nn.Module):
         student: policy of stage 2.
         config: sizes and exploration.
         noise: exploration noise, from ``loc`` to ``loc`` and ``scale``; None for one with a learned scale.
-        freeze: the student's weights do not learn.
+        freeze: the student's weights do not learn; else all of them do.
 
     Raises:
         ConfigError: for a student without a latent.
@@ -67,9 +67,10 @@ class Refinement(nn.Module):
         self.config = config = config or RefinementConfig()
         self.robot = student.robot
         self.student = copy.deepcopy(student, {id(student.robot): student.robot})
-        if freeze:
-            for parameter in self.student.parameters():
-                parameter.requires_grad = False  # requires_grad_() refuses lazy layers that wait for their weights
+        # the student of a refinement is frozen, and its copy would be; requires_grad_() refuses lazy layers that wait
+        # for their weights
+        for parameter in self.student.parameters():
+            parameter.requires_grad = not freeze
         self.noise = noise or GaussianNoise(self.num_samples, config.init_std, config.min_std)
 
     @classmethod

@@ -33,7 +33,11 @@ class Teacher(Protocol):
     whole rollouts, and states in any order."""
 
     def references(self, library: MotionLibrary) -> Sequence[Transform]:
-        """Return the transforms that show it its reference beside the student's keyframe."""
+        """Return the transforms that show it its reference beside the student's keyframe.
+
+        Args:
+            library: motions of the environment, on its device.
+        """
         ...
 
     def labels(self) -> TensorDictModuleBase:

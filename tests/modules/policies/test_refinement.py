@@ -100,6 +100,14 @@ def test_finetuning_leaves_the_privileged_part_alone(state):
     assert not touched & {"encoder", "posterior"}
 
 
+def test_the_student_of_a_refinement_learns_when_it_is_fine_tuned():
+    """Its weights were frozen there, and stayed so: the exploration noise alone learned."""
+    refined = ResidualLatentPolicy(LatentPolicy(G1, SMALL))
+    policy = FinetunedPolicy(refined.student)
+    assert all(weight.requires_grad for weight in policy.parameters())
+    assert not any(weight.requires_grad for weight in refined.student.parameters())
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_deployed_policies_read_the_students_observation(state, variant):
     deployed = variant(LatentPolicy(G1, SMALL)).deployed()
