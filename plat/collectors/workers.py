@@ -252,7 +252,9 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         """
         states = state.get("workers", ())
         if "robots" in state and len(self._jobs) == 1:  # of robots that were simulated where they learned
-            states = [as_tensor(packed(state))]
+            # a stream that no earlier worker of the run had
+            stream = {} if self._in_step else {"random": torch.Generator().manual_seed(_drawn()).get_state()}
+            states = [as_tensor(packed({**state, **stream}))]
         if len(states) != len(self._jobs):
             raise StateError(
                 f"rollouts: a state of {counted(len(states), 'worker') if states else 'no workers'}, "
@@ -307,6 +309,11 @@ class _Worker:
     def close(self) -> None:
         """End the process."""
         self._collector.shutdown()
+
+
+def _drawn() -> int:
+    """Return a seed that the caller's random stream draws."""
+    return int(torch.randint(1 << 62, ()))
 
 
 def _merged(gathered: Sequence[tuple[int, Mapping[str, float]]]) -> dict[str, float]:
