@@ -59,9 +59,9 @@ class RayActors:
         Raises:
             OutputError: when the disk does not take it.
         """
-        path = self._folder / LIBRARY_FILE
+        library, path = library.to("cpu"), self._folder / LIBRARY_FILE
         with for_workers(self._folder):
-            torch.save(library.to("cpu"), path)
+            torch.save(library, path)
         if not self._cluster.alone:
             with path.open("rb") as file:
                 self._chunks = tuple(map(self._ray.put, iter(partial(file.read, _CHUNK), b"")))

@@ -183,9 +183,9 @@ def in_folder(
     Raises:
         OutputError: when the disk does not take it.
     """
-    parts = cloudpickle.dumps((make_env, policy, precision))
+    library, parts = library.to("cpu"), cloudpickle.dumps((make_env, policy, precision))
     with for_workers(folder):
-        torch.save(library.to("cpu"), folder / LIBRARY_FILE)
+        torch.save(library, folder / LIBRARY_FILE)
         (folder / _PARTS).write_bytes(parts)
     return partial(_from_folder, folder)
 

@@ -252,9 +252,10 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         """
         states = state.get("workers", ())
         if "robots" in state and len(self._jobs) == 1:  # of robots that were simulated where they learned
-            # a stream that no earlier worker of the run had
-            stream = {} if self._in_step else {"random": torch.Generator().manual_seed(_drawn()).get_state()}
-            states = [as_tensor(packed({**state, **stream}))]
+            if not self._in_step:  # a stream that no earlier worker of the run had
+                drawn = int(torch.randint(1 << 62, ()))
+                state = {**state, "random": torch.Generator().manual_seed(drawn).get_state()}
+            states = [as_tensor(packed(state))]
         if len(states) != len(self._jobs):
             raise StateError(
                 f"rollouts: a state of {counted(len(states), 'worker') if states else 'no workers'}, "
@@ -309,11 +310,6 @@ class _Worker:
     def close(self) -> None:
         """End the process."""
         self._collector.shutdown()
-
-
-def _drawn() -> int:
-    """Return a seed that the caller's random stream draws."""
-    return int(torch.randint(1 << 62, ()))
 
 
 def _merged(gathered: Sequence[tuple[int, Mapping[str, float]]]) -> dict[str, float]:
