@@ -159,7 +159,7 @@ def _as_saved(value: Any) -> Any:
 
 def _is_free(name: str, pair: tuple[Any, Any]) -> bool:
     if name == "workers":  # one goes on from the state of none
-        return {*pair} <= {0, 1}
+        return all(number in (0, 1) for number in pair)
     last = name.rpartition(".")[2]
     return name in _FREE or last in ("lr", "policy_muon") or last.endswith("_lr")
 

@@ -22,7 +22,7 @@ def test_what_may_not_change(name):
     assert changes(nested(name, 1), nested(name, 2), {}) == ({}, {name: (1, 2)})
 
 
-@pytest.mark.parametrize(("before", "now", "may"), [(0, 1, True), (1, 0, True), (1, 2, False), (0, 2, False)])
+@pytest.mark.parametrize(("before", "now", "may"), [(0, 1, True), (1, 0, True), (1, 2, False), ([], 1, False)])
 def test_one_worker_takes_the_place_of_none(before, now, may):
     found = changes({"workers": before}, {"workers": now}, {})
     assert (found.free if may else found.refused) == {"workers": (before, now)}
