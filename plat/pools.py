@@ -7,10 +7,11 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 from plat.errors import WorkerError
 
-__all__ = ["begin_helper", "told_if_killed"]
+__all__ = ["begin_helper", "deaf_to_interrupts", "told_if_killed"]
 
 
 @contextmanager
@@ -33,6 +34,23 @@ def told_if_killed(kept: str = "") -> Iterator[None]:
     except BrokenProcessPool:
         told = "a worker process was killed, perhaps for want of memory: try fewer --workers"
         raise WorkerError(f"{told}; {kept}" if kept else told) from None
+
+
+@contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Let processes that are started in this context leave Ctrl-C to this one from their first moment.
+
+    Python imports for seconds before a process can say so itself, as :func:`begin_helper` does.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # its start takes Ctrl-C off the mask again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def begin_helper() -> None:

@@ -41,7 +41,7 @@ def main(recipe: ExpertModelRecipe) -> None:
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
     good = "fewer than 0.3 failures a second"
     effort = "residual" if residual else "action"
-    learn(recipe, library, expert, actor, task, good=good, show=show, init=start, effort=effort)
+    learn(recipe, library, expert, actor, task, good=good, show=show, weights={"init": start}, effort=effort)
 
 
 def after(recipe: ExpertModelRecipe) -> str:

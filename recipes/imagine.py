@@ -46,7 +46,8 @@ def main(recipe: ImagineRecipe) -> None:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
         settings |= {"imagined": student.imagined(recipe.posterior), "loss": loss}
     good = "failures that fall; plat evaluate says the rest"
-    learn(recipe, library, student, student.deployed(), task, good=good, show=show, init=trained, **settings)
+    started = {"init": trained}
+    learn(recipe, library, student, student.deployed(), task, good=good, show=show, weights=started, **settings)
 
 
 def after(recipe: ImagineRecipe) -> str:

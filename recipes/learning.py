@@ -1,6 +1,6 @@
 """The loop that the recipes of imagination share: simulate, learn the robot, imagine, learn the policy."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -27,8 +27,9 @@ from plat.objectives import ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.rendering import Films, Playback
 from plat.robots import G1
-from plat.runs import DYNAMICS_FILE, Budget, Run, load_dynamics, run_inputs
+from plat.runs import DYNAMICS_FILE, Budget, Run, SavedRun, load_dynamics, run_inputs
 from plat.runs.announce import begins
+from plat.runs.outputs import is_kept
 from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
@@ -48,7 +49,7 @@ def learn(
     *,
     good: str,
     show: Callable[[Any], Playback],
-    init: nn.Module | None = None,
+    weights: Mapping[str, nn.Module | None],
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
     loss: Callable[..., ImaginationLoss] = ImaginationLoss,
@@ -64,13 +65,14 @@ def learn(
         make_task: the task on some motions.
         good: which figures on the screen are good.
         show: returns a playback of a policy, for videos.
-        init: the policy that it started from, if any.
+        weights: other runs' policies that it started from, by the name of the setting; None for none.
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
         loss: the policy's loss.
         reference_updates: updates of a new policy toward the task's reference in each warm-up iteration.
     """
-    recipe = replace(recipe, imagination=recipe.with_rates())
+    goes_on = recipe.resume and is_kept(recipe.out)  # else it starts over
+    recipe = replace(recipe, imagination=recipe.with_rates(SavedRun(recipe.out).settings if goes_on else None))
     device, settings = recipe.device, recipe.imagination
     if settings.window >= (kept := _multiple(recipe.replay, recipe.rollout)):  # a window begins with a state more
         raise ConfigError(f"--imagination.window {settings.window}: expected less than the {kept} steps of --replay")
@@ -84,7 +86,7 @@ def learn(
     if recipe.init_model:
         start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
         recipe = _shaped_like(start, recipe, library.dt)
-    inputs = run_inputs(library, init=init, init_model=start)
+    inputs = run_inputs(library, init_model=start, **weights)
     if start is not None:
         model = start
     else:

@@ -1,10 +1,10 @@
 """Settings of the recipes, apart from what runs so that help texts need no torch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Robots, Seed
 from plat.cli.options import Imports, ScoringConfig
@@ -12,6 +12,7 @@ from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskCo
 from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, PlainPolicyConfig, RefinementConfig
 from plat.objectives import ImaginationConfig, MotorGradientConfig, PPOConfig
+from plat.objectives.settings import Rates
 from plat.precision import Precision
 from plat.recipes.presets import BEST, PRESETS
 from plat.runs import RecipeConfig
@@ -263,10 +264,35 @@ class ImaginationRecipe(RecipeConfig):
         """Whether it goes on from a policy that is trained already."""
         return getattr(self, "init", None) is not None
 
-    def with_rates(self) -> ImaginationConfig:
-        """Return the settings of learning with all their rates, which depend on what is trained already."""
-        rates = self.imagination.rates(model=self.init_model is not None, policy=self.goes_on())
-        return replace(self.imagination, **rates._asdict())
+    def with_rates(self, saved: Mapping[str, Any] | None = None) -> ImaginationConfig:
+        """Return the settings of learning with all their rates, which depend on what is trained already.
+
+        Args:
+            saved: settings of the run that is resumed, whose rates are those that are not given; None for a new run.
+        """
+        before = {} if saved is None else self.as_written_now(saved).get("imagination")
+        rates = self._rates_of(before if isinstance(before, Mapping) else {})
+        given = {name: value for name in Rates._fields if (value := getattr(self.imagination, name)) is not None}
+        return replace(self.imagination, **rates._asdict() | given)
+
+    def as_written_now(self, saved: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the settings of a run with the rates that it learned with: an older plat did not write them so."""
+        was = saved.get("imagination")
+        if not isinstance(was, Mapping):
+            return dict(saved)
+        others: dict[str, Any] = {}  # than what was used, where something was trained already
+        if "policy_muon" not in was:
+            was = {**was, "policy_muon": 0.0}
+            others = {"warmup": 40} if self.init_model else {}
+        elif "overlap" not in saved:
+            others = {"lr": 2e-3, "policy_muon": 10.0, "muon_lr": 1.5e-2, "warmup": 20}
+        used = {name: value for name, value in was.items() if value != others.get(name)}
+        return {**saved, "imagination": {**was, **self._rates_of(used)._asdict()}}
+
+    def _rates_of(self, settings: Mapping[str, Any]) -> Rates:
+        """Return all rates, of which some are among settings of learning."""
+        given = {name: settings[name] for name in Rates._fields if name in settings}
+        return ImaginationConfig(**given).rates(model=self.init_model is not None, policy=self.goes_on())
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -36,7 +36,7 @@ def main(recipe: RefineModelRecipe) -> None:
         return play(average.deployed(), library, 0, Horizon(1, timing.max_steps), device=recipe.device)
 
     good = "failures that fall; plat evaluate says the rest"
-    learn(recipe, library, policy, policy.deployed(), task, good=good, show=show, init=student)
+    learn(recipe, library, policy, policy.deployed(), task, good=good, show=show, weights={"student": student})
 
 
 def after(recipe: RefineModelRecipe) -> str:

@@ -14,6 +14,7 @@ from plat.collectors.worker import Content, Job, WorkerCollector, in_folder
 from plat.envs.physics import available_cpus
 from plat.errors import PlatError
 from plat.motions.library import MotionLibrary
+from plat.pools import deaf_to_interrupts
 from plat.precision import Precision
 from plat.scratch import Scratch
 
@@ -92,17 +93,18 @@ class Processes:
 
     def launch(self, job: Job) -> RemoteCollector:
         """Start a process."""
-        return MultiSyncCollector(
-            [job.environment],
-            policy_factory=job.policy,
-            frames_per_batch=job.num_envs * job.steps,
-            collector_class=WorkerCollector,
-            num_threads=torch.get_num_threads(),
-            cat_results=0,
-            use_buffers=True,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
+        with deaf_to_interrupts():
+            return MultiSyncCollector(
+                [job.environment],
+                policy_factory=job.policy,
+                frames_per_batch=job.num_envs * job.steps,
+                collector_class=WorkerCollector,
+                num_threads=torch.get_num_threads(),
+                cat_results=0,
+                use_buffers=True,
+                trust_policy=True,
+                auto_register_policy_transforms=False,
+            )
 
     def cause(self, job: Job, error: Exception) -> PlatError | None:
         """Return what the worker left in its file: TorchRL passes no errors on."""

@@ -16,7 +16,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.collectors.cluster import Cluster
 from plat.collectors.hosts import EnvFactory, RemoteCollector
-from plat.collectors.worker import Content, Job, WorkerCollector
+from plat.collectors.worker import LIBRARY_FILE, Content, Job, WorkerCollector, for_workers
 from plat.errors import PlatError
 from plat.files import replace_file
 from plat.motions.library import MotionLibrary
@@ -54,9 +54,14 @@ class RayActors:
     def share(
         self, library: MotionLibrary, make_env: EnvFactory, policy: TensorDictModuleBase, precision: Precision
     ) -> Callable[[], Content]:
-        """Write the motions into a file, and hand it to Ray where there may be other machines."""
-        path = self._folder / "motions.pt"
-        torch.save(library.to("cpu"), path)
+        """Write the motions into a file, and hand it to Ray where there may be other machines.
+
+        Raises:
+            OutputError: when the disk does not take it.
+        """
+        library, path = library.to("cpu"), self._folder / LIBRARY_FILE
+        with for_workers(self._folder):
+            torch.save(library, path)
         if not self._cluster.alone:
             with path.open("rb") as file:
                 self._chunks = tuple(map(self._ray.put, iter(partial(file.read, _CHUNK), b"")))

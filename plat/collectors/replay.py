@@ -107,20 +107,19 @@ class RolloutReplay:
         self._episode = state["episode"].to(self._episode.device)
         self.steps = int(state["steps"])
 
-    def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
+    def windows(self, batch: int, length: int) -> TensorDictBase:
         """Sample windows ``[batch, length]`` of successive steps of one episode; fewer where most episodes are shorter.
 
         Args:
             batch: number of windows.
             length: control steps of each.
-            recent: they are from this many last control steps; None for all that are kept.
 
         Raises:
             ConfigError: when there are fewer steps than that, all episodes are shorter, or an argument is no count.
         """
-        self._check(batch, recent)
+        check_value("replay: batch", batch, Count)
         check_value("replay: length", length, Count)
-        self._sampler.length, self._sampler.recent = length, recent
+        self._sampler.length = length
         return self.buffer.sample(batch * length).view(-1, length)
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
@@ -129,14 +128,10 @@ class RolloutReplay:
         Raises:
             ConfigError: when there are none, or an argument is no count.
         """
-        self._check(batch, recent)
-        self._recent_sampler.recent = recent
-        return self._recent.sample(batch)
-
-    @staticmethod
-    def _check(batch: int, recent: int | None) -> None:
         check_value("replay: batch", batch, Count)
         check_value("replay: recent", recent, Count | None)
+        self._recent_sampler.recent = recent
+        return self._recent.sample(batch)
 
 
 class WindowSampler(Sampler):
@@ -144,14 +139,14 @@ class WindowSampler(Sampler):
 
     Args:
         replay: whose storage is drawn from.
-        length: control steps of a window.
-        recent: windows are from this many last control steps; None for all.
     """
 
-    def __init__(self, replay: RolloutReplay, length: int = 1, recent: int | None = None):
+    def __init__(self, replay: RolloutReplay):
         self._replay = replay
-        self.length = length
-        self.recent = recent
+        self.length = 1
+        """Control steps of a window."""
+        self.recent: int | None = None
+        """Last control steps that windows are from; None for all."""
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
         """Sample rows ``[B * length]``, window after window, with ``B * length <= batch_size``."""

@@ -20,13 +20,24 @@ from torchrl.envs import EnvBase
 from plat import errors
 from plat.collectors.packing import packed, unpacked
 from plat.collectors.rollouts import ActingPolicy, gathered, restore, state_of
-from plat.errors import PlatError
+from plat.errors import OutputError, PlatError
+from plat.files import is_full
 from plat.motions.library import MotionLibrary
 from plat.precision import Precision
 
-__all__ = ["Content", "Job", "Order", "Report", "WorkerCollector", "in_folder", "seed_of"]
+__all__ = [
+    "LIBRARY_FILE",
+    "Content",
+    "Job",
+    "Order",
+    "Report",
+    "WorkerCollector",
+    "for_workers",
+    "in_folder",
+    "seed_of",
+]
 
-_LIBRARY, _PARTS = "motions.pt", "parts.pickle"
+LIBRARY_FILE, _PARTS = "motions.pt", "parts.pickle"
 
 
 class Order(NamedTuple):
@@ -154,7 +165,7 @@ class WorkerCollector(Collector):
         """Go on from a state that :meth:`report` returned."""
         values = unpacked(state)
         restore(self, values)
-        if "random" in values:  # a state of no worker has none: this one's stream goes on
+        if "random" in values:  # else it comes with the orders
             torch.set_rng_state(values["random"])
 
 
@@ -168,15 +179,35 @@ def in_folder(
     """Write what all workers on this machine need; the function that returns it in a worker.
 
     Motions are mapped from their file, so workers share one copy of them in memory.
+
+    Raises:
+        OutputError: when the disk does not take it.
     """
-    torch.save(library.to("cpu"), folder / _LIBRARY)
-    (folder / _PARTS).write_bytes(cloudpickle.dumps((make_env, policy, precision)))
+    library, parts = library.to("cpu"), cloudpickle.dumps((make_env, policy, precision))
+    with for_workers(folder):
+        torch.save(library, folder / LIBRARY_FILE)
+        (folder / _PARTS).write_bytes(parts)
     return partial(_from_folder, folder)
+
+
+@contextmanager
+def for_workers(folder: Path) -> Iterator[None]:
+    """Write into a folder, as a context, what workers need.
+
+    Raises:
+        OutputError: naming the folder, when the disk does not take it.
+    """
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # torch tells a full disk in words of its own
+        reason = "no space left on device" if is_full(folder) else str(error).partition("\n")[0]
+        told = f"motions for the workers cannot be written to {str(folder)!r} ({reason})"
+        raise OutputError(f"{told}: set TMPDIR to a folder with more room") from error
 
 
 @lru_cache(maxsize=1)
 def _from_folder(folder: Path) -> Content:
-    library = torch.load(folder / _LIBRARY, weights_only=False, mmap=True)
+    library = torch.load(folder / LIBRARY_FILE, weights_only=False, mmap=True)
     return (library, *cloudpickle.loads((folder / _PARTS).read_bytes()))
 
 

@@ -252,6 +252,9 @@ class WorkerRollouts(Iterator[TensorDictBase]):
         """
         states = state.get("workers", ())
         if "robots" in state and len(self._jobs) == 1:  # of robots that were simulated where they learned
+            if not self._in_step:  # a stream that no earlier worker of the run had
+                drawn = int(torch.randint(1 << 62, ()))
+                state = {**state, "random": torch.Generator().manual_seed(drawn).get_state()}
             states = [as_tensor(packed(state))]
         if len(states) != len(self._jobs):
             raise StateError(

@@ -52,8 +52,7 @@ class GraphedLoss:
         capture: bool = True,
     ):
         self._loss = loss
-        self.parameters = [parameter for parameter in parameters if parameter.requires_grad]
-        """What learns."""
+        self._parameters = [parameter for parameter in parameters if parameter.requires_grad]
         self._device = device
         self._precision: Precision = precision
         self._capture = capture and device.type == "cuda"
@@ -67,37 +66,25 @@ class GraphedLoss:
         Returns:
             What the loss returns, detached.
         """
-        losses, gradients = self.gradients(batch)
-        for parameter, gradient in zip(self.parameters, gradients, strict=True):
-            parameter.grad = gradient
-        return losses
-
-    def gradients(self, batch: TensorDictBase) -> tuple[dict[str, Tensor], list[Tensor | None]]:
-        """Return what the loss returns, detached, and the gradient of each parameter; None where there is none.
-
-        On a GPU the next call may overwrite these gradients.
-        """
-        if not self._capture:
+        if self._capture and self._graph is None:
+            self._record(batch)
+        if self._graph is None or batch.shape != self._batch.shape:
             losses, gradients = self._computed(batch)
         else:
-            if self._graph is None:
-                self._record(batch)
-            if batch.shape != self._batch.shape:
-                losses, gradients = self._computed(batch)
-            else:
-                assert self._graph is not None
-                self._batch.update_(batch)
-                self._graph.replay()
-                losses, gradients = self._losses.clone(), self._gradients
-        return dict(losses.items()), gradients
+            self._batch.update_(batch)
+            self._graph.replay()
+            losses, gradients = self._losses.clone(), self._gradients
+        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+            parameter.grad = gradient
+        return dict(losses.items())
 
     def _computed(self, batch: TensorDictBase) -> tuple[TensorDictBase, list[Tensor | None]]:
         with autocast(self._device, self._precision):
             losses: TensorDictBase = self._loss(batch)
         total = torch.stack([value for name, value in losses.items() if name.startswith("loss_")]).sum()
-        if not self.parameters:  # all are frozen
+        if not self._parameters:  # all are frozen
             return losses.detach(), []
-        return losses.detach(), list(torch.autograd.grad(total, self.parameters, allow_unused=True))
+        return losses.detach(), list(torch.autograd.grad(total, self._parameters, allow_unused=True))
 
     def _record(self, batch: TensorDictBase) -> None:
         self._batch = batch.clone()

@@ -11,7 +11,7 @@ import torch
 
 from plat import errors
 from plat.errors import PlatError
-from plat.pools import begin_helper
+from plat.pools import begin_helper, deaf_to_interrupts
 
 __all__ = ["Answering", "Helper", "half_the_threads"]
 
@@ -35,7 +35,8 @@ class Helper:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(make, theirs), daemon=True, name=name)
-        self._process.start()
+        with deaf_to_interrupts():
+            self._process.start()
         theirs.close()
 
     @property

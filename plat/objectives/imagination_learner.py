@@ -14,7 +14,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 
 from plat.bounds import Natural, NonNegative, check_value
 from plat.envs.state import GeneralizedState
-from plat.errors import ConfigError
+from plat.errors import ConfigError, StateError
 from plat.modules.dynamics import DynamicsModel
 from plat.modules.networks import mlp
 from plat.modules.normalizer import ObservationNormalizer
@@ -39,7 +39,7 @@ class Windows(Protocol):
     def __len__(self) -> int:
         """Return the number of control steps that are kept."""
 
-    def windows(self, batch: int, length: int, recent: int | None = None) -> TensorDictBase:
+    def windows(self, batch: int, length: int) -> TensorDictBase:
         """Sample successive steps of an episode ``[batch, length]``."""
 
     def states(self, batch: int, recent: int | None = None) -> TensorDictBase:
@@ -190,7 +190,7 @@ class ImaginationLearner:
         self._set_rates(fraction)
         if len(replay) > config.window:
             self._learn_robot(partial(replay.windows, config.model_batch, config.window + 1), log)
-        with nullcontext() if self._beside is None else half_the_threads():
+        with half_the_threads() if self._beside is not None and not self._beside.ended else nullcontext():
             self._learn_policy(partial(replay.states, config.policy_batch, config.recent), log)
         self.iterations += 1
         return log.means()
@@ -277,7 +277,16 @@ class ImaginationLearner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state of :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`.
+
+        The policy's optimizers begin anew where the state is of others: of Adam alone or of Muon as well.
+
+        Raises:
+            StateError: when it has a critic and the learner has none, or the other way round.
+        """
+        if ("critic" in state) != (self.critic is not None):
+            had, has = ("with" if there else "without" for there in ("critic" in state, self.critic is not None))
+            raise StateError(f"imagination: a state {had} a critic, expected one {has}")
         self.policy.load_state_dict(state["policy"])
         self.model.load_state_dict(state["model"])
         if self.critic is not None:
@@ -291,15 +300,11 @@ class ImaginationLearner:
             self._finite[what].in_a_row = int(in_a_row)
 
     def _load_optimizers(self, states: list[dict[str, Any]]) -> None:
-        if len(states) == len(self._optimizers()) - 1 and len(self.policy_optimizers) == 2:
-            # a run that was begun with Adam alone, as every one of an older plat, goes on with it
-            self.policy_optimizers = muon_and_adam(self.policy, 0.0, self.rates.lr, self._learning)
-            self._rates = self._full_rates()
-        if len(states) != len(self._optimizers()):
-            raise ConfigError(
-                "imagination: policy_muon is 0, expected more than 0, as this run was begun with Muon for its policy"
-            )
-        for optimizer, values in zip(self._optimizers(), states, strict=True):
+        ours = self._optimizers()
+        if len(states) != len(ours):  # those of the policy are others
+            models, critics = len(self.model_updates.optimizers), len(self.critic_optimizers)
+            ours, states = ([*each[:models], *each[len(each) - critics :]] for each in (ours, states))
+        for optimizer, values in zip(ours, states, strict=True):
             optimizer.load_state_dict(values)
 
 

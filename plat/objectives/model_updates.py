@@ -97,8 +97,9 @@ class ModelUpdates:
 class ModelUpdatesBeside:
     """Updates of a model in a process of its own, while the caller goes on with the model as it was.
 
-    That process is sent what the updates begin with, and sends back what they end with, so a run keeps all that it
-    needs here. Where it ends, for want of memory perhaps, the updates are done in this one, and a line says so.
+    That process is started for the first ones. It is sent what the updates begin with, and sends back what they end
+    with, so a run keeps all that it needs here. Where it ends, for want of memory perhaps, the updates are done in this
+    one, and a line says so.
 
     Args:
         updates: of a model on the CPU.
@@ -123,7 +124,9 @@ class ModelUpdatesBeside:
         if (device := updates.model.mean.device.type) != "cpu":
             raise ConfigError(f"model updates: a model on {device}, expected one on cpu for a process beside this one")
         self._updates = updates
-        self._helper: Helper | None = Helper(partial(cloudpickle.loads, cloudpickle.dumps(updates)), "plat-model")
+        self._helper: Helper | None = None
+        self.ended = False
+        """Whether the process has ended, and updates are done in this one."""
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="plat-model")
         self._pending: Future[Any] | None = None
         self._batches: Sequence[TensorDictBase] = ()
@@ -133,9 +136,11 @@ class ModelUpdatesBeside:
         """Begin the updates by some windows, one after the other, when those before are done."""
         self.wait()
         self._batches = batches
-        if self._helper is None:
+        if self.ended:
             self._here()
             return
+        if self._helper is None:
+            self._helper = Helper(partial(cloudpickle.loads, cloudpickle.dumps(self._updates)), "plat-model")
         buffers = [buffer.detach() for buffer in self._updates.model.buffers()]
         order = pickle.dumps((self._updates.state_dict(), buffers, batches))
         self._pending = self._pool.submit(self._helper.ask, order)
@@ -158,10 +163,11 @@ class ModelUpdatesBeside:
         try:
             state, losses = pending.result()
         except (EOFError, OSError):
-            helper, self._helper = self._helper, None
-            assert helper is not None
-            helper.close()
-            print(f"the process of the model ended, with code {helper.exit_code}; it learns in this one", flush=True)
+            self.ended = True
+            assert self._helper is not None
+            self._helper.close()
+            code = self._helper.exit_code
+            print(f"the process of the model ended, with code {code}; it learns in this one", flush=True)
             self._here()
         else:
             self._updates.load_state_dict(state)
@@ -174,7 +180,6 @@ class ModelUpdatesBeside:
         """End the process, whatever it is at; again has no effect."""
         if self._helper is not None:
             self._helper.close()
-            self._helper = None
         self._pool.shutdown()
         self._pending = None
 

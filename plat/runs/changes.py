@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter
 
 from plat.errors import CheckpointError
-from plat.runs.inputs import changed_inputs
-from plat.runs.json_object import entry, plain, read_json
+from plat.runs.inputs import changed_inputs, saved_inputs
+from plat.runs.json_object import entry, plain
 from plat.runs.locate import CONFIG_FILE
 from plat.runs.outputs import INPUTS_FILE
+from plat.runs.recipe import RecipeConfig
 
 __all__ = ["Changes", "changes", "compared", "differing", "name_of", "settings_of", "with_defaults"]
 
-# Where a run is, how long it goes on, and what is watched of it. Learning rates are free too, see _is_free.
+# Where a run is, how long it goes on, and what is watched of it. Others are free too, see _is_free.
 _FREE = {
     "device",
     "imports",
@@ -68,7 +69,7 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], content: Mapping[
     free = {
         name: pair
         for name, pair in found.items()
-        if _is_free(name) or (name in _BY_CONTENT and name in content and None not in pair)
+        if _is_free(name, pair) or (name in _BY_CONTENT and name in content and None not in pair)
     }
     return Changes(free, {name: pair for name, pair in found.items() if name not in free})
 
@@ -91,23 +92,26 @@ def compared(
         CheckpointError: when the run's settings are of odd types.
     """
     before = entry(config, "recipe", _Recipe, folder / CONFIG_FILE) or _Recipe()
-    saved = {} if before.settings is None else with_defaults(before.settings, recipe)
-    found = changes(saved, settings_of(recipe), inputs)
+    saved = before.settings or {}
+    if isinstance(recipe, RecipeConfig):
+        saved = recipe.as_written_now(saved)
+    found = changes({} if before.settings is None else with_defaults(saved, recipe), settings_of(recipe), inputs)
     wrong = [f"{name} is {new}, was {old}" for name, (old, new) in found.refused.items()]
     name, was = name_of(recipe), before.name
     # where the recipe has no name, that of the program says less
     if was != name and hasattr(type(recipe), "name") and was is not None:
         wrong.insert(0, f"the recipe is {name}, was {was}")
-    wrong += changed_inputs(_inputs_of(folder / INPUTS_FILE), inputs)
+    wrong += changed_inputs(_inputs_of(folder), inputs)
     more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
     return found.free, "; ".join(wrong[:5]) + more
 
 
-def _inputs_of(path: Path) -> dict[str, Any]:
+def _inputs_of(folder: Path) -> dict[str, Any]:
+    path = folder / INPUTS_FILE
     if not path.exists():  # a run of an older plat
         return {}
     try:
-        inputs = read_json(path)
+        inputs = saved_inputs(folder)
         entry(inputs, "motions", list[tuple[str, int, float, float]], path)
         return inputs
     except CheckpointError as error:
@@ -153,9 +157,11 @@ def _as_saved(value: Any) -> Any:
     return plain({"value": TypeAdapter(Any).dump_python(value, mode="json")})["value"]
 
 
-def _is_free(name: str) -> bool:
+def _is_free(name: str, pair: tuple[Any, Any]) -> bool:
+    if name == "workers":  # one goes on from the state of none
+        return all(number in (0, 1) for number in pair)
     last = name.rpartition(".")[2]
-    return name in _FREE or last == "lr" or last.endswith("_lr")
+    return name in _FREE or last in ("lr", "policy_muon") or last.endswith("_lr")
 
 
 def differing(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

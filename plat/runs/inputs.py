@@ -5,6 +5,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,6 +15,8 @@ from plat.errors import ConfigError
 from plat.motions.library import MotionLibrary
 from plat.robots.registry import get_robot
 from plat.robots.robot import Robot
+from plat.runs.json_object import read_json
+from plat.runs.outputs import INPUTS_FILE
 from plat.runs.recipe import RecipeConfig
 from plat.words import counted
 
@@ -24,6 +27,7 @@ __all__ = [
     "robot_print",
     "run_inputs",
     "same_robot",
+    "saved_inputs",
     "training_motions",
     "weights_print",
 ]
@@ -59,6 +63,16 @@ def run_inputs(library: MotionLibrary, **modules: nn.Module | None) -> dict[str,
     """
     weights = {name: weights_print(module) for name, module in modules.items() if module is not None}
     return {"motions": motions_print(library), "robot": robot_print(library.robot), **weights}
+
+
+def saved_inputs(folder: Path) -> dict[str, Any]:
+    """Return the fingerprints in a run's folder, where the student of ``plat refine-model`` once was called ``init``.
+
+    Raises:
+        CheckpointError: when they cannot be read.
+    """
+    inputs = read_json(folder / INPUTS_FILE)
+    return {"student": inputs["init"], **inputs} if "init" in inputs else inputs
 
 
 def motions_print(library: MotionLibrary) -> list[list[Any]]:

@@ -7,10 +7,8 @@ from typing import Any
 from torch import nn
 
 from plat.errors import PlatError
-from plat.runs.inputs import weights_print
-from plat.runs.json_object import read_json
+from plat.runs.inputs import saved_inputs, weights_print
 from plat.runs.locate import is_run, shipped_runs
-from plat.runs.outputs import INPUTS_FILE
 from plat.runs.saved_run import SavedRun
 
 __all__ = ["made_by", "parents", "trained_on"]
@@ -33,7 +31,7 @@ def parents(run: SavedRun) -> list[SavedRun]:
     """
     inputs: dict[str, Any] = {}
     with suppress(PlatError):  # an average has none, nor has a run of an older plat; a damaged one says nothing
-        inputs = read_json(run.folder / INPUTS_FILE)
+        inputs = saved_inputs(run.folder)
     given = [(run.settings.get(name), {"weights": inputs.get(name)}) for name in _POLICIES]
     given += [(run.settings.get("init_model"), {})]
     given += [(part.get("run"), {name: part[name] for name in _FACTS if name in part}) for part in run.averaged]

@@ -8,7 +8,7 @@ from plat.files import readable
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE
 
-__all__ = ["CHECKPOINTS", "INPUTS_FILE", "WEIGHTS_FILE", "check_out"]
+__all__ = ["CHECKPOINTS", "INPUTS_FILE", "WEIGHTS_FILE", "check_out", "is_kept"]
 
 CHECKPOINTS, INPUTS_FILE, WEIGHTS_FILE = "checkpoints", "inputs.json", "model.safetensors"
 
@@ -31,7 +31,7 @@ def check_out(folder: Path, *, resume: bool) -> None:
         raise CheckpointError(
             f"{str(folder)!r}: its name is no UTF-8, weights cannot be read from there; choose another"
         )
-    if not os.path.exists(config) and _is_kept(folder):
+    if not os.path.exists(config) and is_kept(folder):
         raise CheckpointError(
             f"{str(folder)!r} holds weights or checkpoints of a run whose {CONFIG_FILE} is lost: put it back, or "
             "choose another --out"
@@ -53,10 +53,10 @@ def _is_abandoned(folder: Path) -> bool:
         return False
     # a mean has the progress of its last run, and is written without weights first
     begun = "finished" not in config or "average" in config
-    return config.get("format") == "plat-run" and begun and not _is_kept(folder)
+    return config.get("format") == "plat-run" and begun and not is_kept(folder)
 
 
-def _is_kept(folder: Path) -> bool:
+def is_kept(folder: Path) -> bool:
     """Return whether a directory holds weights or checkpoints, which are worth keeping."""
     checkpoints = folder / CHECKPOINTS
     # not Path's own: those raise for a name that is too long

@@ -136,6 +136,14 @@ class RecipeConfig(Bounded):
             what = f"{type(self).__name__}: physics is 'warp', which is on one device"
             raise ConfigError(f"{what}: expected workers to be 0")
 
+    def as_written_now(self, saved: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the settings of a run as this version of plat would have written them.
+
+        Args:
+            saved: those of the ``config.json`` of a run of the same recipe.
+        """
+        return dict(saved)
+
     @property
     def loggers(self) -> tuple[LoggerName, ...]:
         """Return the experiment loggers that were asked for."""

@@ -1,5 +1,7 @@
 import os
+import re
 import signal
+import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -10,12 +12,12 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import nn
 
-from plat.collectors import Rollouts, WorkerRollouts, collect
+from plat.collectors import Rollouts, WorkerRollouts, collect, worker
 from plat.collectors.hosts import Processes
 from plat.collectors.worker import Job, _from_folder, in_folder
 from plat.collectors.workers import _merged
 from plat.envs import make_tracking_env
-from plat.errors import ConfigError, MotionError, StateError, WorkerError
+from plat.errors import ConfigError, MotionError, OutputError, StateError, WorkerError
 from plat.modules import Expert
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
@@ -145,6 +147,12 @@ def test_robots_move_into_a_worker_and_back():
             there.load_state_dict(state)
             moved = next(there)
             back = there.state_dict()
+            torch.manual_seed(2)  # a checkpoint that is later restores another state of the caller's stream
+            there.load_state_dict(state)
+            assert not torch.equal(next(there)["action"], moved["action"])
+            if (status := Path(f"/proc/{there._workers[0]._collector.procs[0].pid}/status")).exists():
+                (blocked,) = re.findall(r"SigBlk:\s*(\w+)", status.read_text())
+                assert int(blocked, 16) >> (signal.SIGINT - 1) & 1, "Ctrl-C is not for a worker"
         going = ~last["next", "done"][:, -1, 0]
         assert going.any()
         assert torch.equal(moved["robot", "joint_pos"][going, 0], last["next", "robot", "joint_pos"][going, -1])
@@ -224,6 +232,26 @@ def test_motions_are_mapped_from_their_file(tmp_path):
     if maps.exists():
         assert str(tmp_path / "motions.pt") in maps.read_text()
     _from_folder.cache_clear()
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_a_disk_that_takes_no_motions_is_one_line(tmp_path, monkeypatch, full):
+    def save(content: object, place: object, **options: object) -> None:
+        if isinstance(place, Path):
+            raise RuntimeError("[enforce fail at inline_container.cc:672] . unexpected pos 64 vs 0\nframe #0")
+        saved(content, place, **options)
+
+    saved = torch.save
+    monkeypatch.setattr(torch, "save", save)
+    monkeypatch.setattr(worker, "is_full", lambda folder: full)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with pytest.raises(OutputError) as told:
+        WorkerRollouts(make_tracking_env, motions(), 2, flailing(), 1)
+    reason = "no space left on device" if full else "[enforce fail at inline_container.cc:672] . unexpected pos 64 vs 0"
+    assert f"({reason}): set TMPDIR to a folder with more room" in str(told.value)
+    assert f"motions for the workers cannot be written to '{tmp_path}/plat-workers-" in str(told.value)
+    assert not list(tmp_path.iterdir())
 
 
 def test_statistics_are_means_over_robots_and_counts_are_sums():

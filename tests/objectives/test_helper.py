@@ -60,6 +60,17 @@ def test_it_remembers_and_its_errors_are_the_callers(helper: Helper) -> None:
         ask(helper, 1)
 
 
+def test_an_interrupt_while_it_imports_is_not_for_it() -> None:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    helper = Helper(Counting, "plat-test")
+    try:
+        os.kill(helper._process.pid, signal.SIGINT)  # as Ctrl-C does, to all processes of a terminal
+        assert ask(helper, 1) == 1
+    finally:
+        helper.close()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
 def test_it_ends_in_the_middle_of_an_answer(helper: Helper, monkeypatch: pytest.MonkeyPatch) -> None:
     ask(helper, 1)
     helper._connection.send_bytes(pickle.dumps("sleep"))

@@ -1,4 +1,7 @@
 import copy
+import os
+import signal
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -6,9 +9,9 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.collectors import RolloutReplay, rollouts
-from plat.errors import ActionError, ConfigError
+from plat.errors import ActionError, ConfigError, StateError
 from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig, PlainPolicy
-from plat.objectives import ImaginationConfig, ImaginationLearner, exploring
+from plat.objectives import ImaginationConfig, ImaginationLearner, exploring, imagination_learner
 from plat.robots import G1
 from plat.tasks import DenseTracking, SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
@@ -205,8 +208,10 @@ def test_it_goes_on_from_its_state(setting):
         assert all(ours[name].equal(theirs[name]) for name in ours)
 
 
-def test_a_run_that_was_begun_with_adam_alone_goes_on_with_it(setting):
+@pytest.mark.parametrize(("before", "after"), [(0.0, 5.0), (5.0, 0.0)])
+def test_optimizers_of_the_policy_begin_anew_where_they_were_others(setting, before, after):
     learner, replay, simulate = setting
+    simulate()
     simulate()
 
     def learner_of(policy_muon):
@@ -214,19 +219,47 @@ def test_a_run_that_was_begun_with_adam_alone_goes_on_with_it(setting):
         config = replace(learner.config, policy_muon=policy_muon)
         return ImaginationLearner(expert, expert.deployed(), model, learner.policy_loss.task, config)
 
-    before, after = learner_of(0.0), learner_of(5.0)
+    old, new = learner_of(before), learner_of(after)
     for _ in range(2):
-        before.step(replay)
-    after.load_state_dict(copy.deepcopy(before.state_dict()))
-    assert [type(optimizer) for optimizer in after.policy_optimizers] == [torch.optim.Adam]
-    results = []
-    for each in (before, after):
-        torch.manual_seed(5)
-        results.append((each.step(replay, 0.75), weights(each.policy)))
-    assert results[0][0] == results[1][0]
-    assert all(results[0][1][name].equal(value) for name, value in results[1][1].items())
-    with pytest.raises(ConfigError, match="policy_muon is 0, expected more than 0"):
-        before.load_state_dict(learner.state_dict())
+        old.step(replay)
+    new.load_state_dict(copy.deepcopy(old.state_dict()))
+    assert [type(each) is torch.optim.Muon for each in new.policy_optimizers] == ([True, False] if after else [False])
+    assert not any(optimizer.state for optimizer in new.policy_optimizers)
+    ours, theirs = ([*each.model_updates.optimizers, *each.critic_optimizers] for each in (new, old))
+    assert len(ours) == 2 + bool(learner.config.critic)
+    for one, other in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(one.state_dict(), other.state_dict())
+    assert new.step(replay)["policy_skipped"] == 0
+
+
+def test_a_state_with_a_critic_is_of_a_learner_with_one(setting):
+    learner, *_ = setting
+    has, had = ("with", "without") if learner.critic else ("without", "with")
+    state = learner.state_dict()
+    state = (
+        {key: value for key, value in state.items() if key != "critic"} if learner.critic else {**state, "critic": {}}
+    )
+    with pytest.raises(StateError, match=f"imagination: a state {had} a critic, expected one {has}"):
+        learner.load_state_dict(state)
+
+
+@ALONE
+def test_threads_are_left_to_the_process_of_the_model_while_there_is_one(overlapped, monkeypatch):
+    learner, _, replay = overlapped
+    left = []
+
+    @contextmanager
+    def seen():
+        left.append(True)
+        yield
+
+    monkeypatch.setattr(imagination_learner, "half_the_threads", seen)
+    learner.step(replay)
+    assert left == [True]
+    os.kill(learner._beside._helper._process.pid, signal.SIGKILL)
+    learner.step(replay)  # in which that is noticed
+    learner.step(replay)
+    assert left == [True]
 
 
 def test_a_critic_learns_what_is_to_come(library):

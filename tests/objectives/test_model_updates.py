@@ -104,12 +104,15 @@ def test_rates_and_what_is_usual_are_those_of_the_moment(beside: ModelUpdatesBes
 def test_a_process_that_ends_is_done_without(ending: ModelUpdatesBeside, capsys: pytest.CaptureFixture[str]) -> None:
     here = updates()
     expected = [here.update(windows(seed)) for seed in (1, 2, 3)]
+    assert ending._helper is None  # nobody would end it if something failed before the first updates
     ending.begin([windows(1)])
     ending.wait()
+    assert not ending.ended
     os.kill(ending._helper._process.pid, signal.SIGKILL)
     ending.begin([windows(2)])
     ending.wait()
     assert "the process of the model ended, with code -9; it learns in this one" in capsys.readouterr().out
+    assert ending.ended
     ending.begin([windows(3)])
     torch.testing.assert_close(ending.finish(), expected, rtol=1e-4, atol=1e-6)
     assert_alike(ending._updates, here)

@@ -31,6 +31,7 @@ from plat.motions import MotionLibrary, save_motions
 from plat.recipes import expert_model, imagine, learning
 from plat.robots import G1
 from plat.runs import SavedRun, load_dynamics, load_policy, save_dynamics, write_json
+from plat.runs.json_object import read_json
 from tests.conftest import standing_clip
 from tests.export.runs import small_policy, write_run
 from tests.in_process import kill_plat, run, run_plat
@@ -326,6 +327,46 @@ def test_what_is_trained_already_is_changed_less(tmp_path, monkeypatch, trained,
     with pytest.raises(SeenError) as seen:
         main(["imagine", *map(str, [*brief, *flags, *told, "--out", tmp_path / "run"])])
     assert seen.value.args[0] == (given or used)
+
+
+def test_a_run_from_before_muon_for_policies_goes_on_with_adam(tmp_path):
+    flags, out = list(map(str, QUICK[:-2])), tmp_path / "run"
+    del flags[(at := flags.index("--imagination.warmup")) : at + 2]
+    before = {"policy-muon": 0, "lr": 1e-3, "muon-lr": 4e-3, "warmup": 1}
+    told = [word for name, value in before.items() for word in (f"--imagination.{name}", value)]
+    words = [*flags, "--model.hidden", 16, "--out", out]
+    run("imagine", *words, *told, "--steps", 128)
+    config = read_json(out / "config.json")
+    del config["recipe"]["settings"]["imagination"]["policy_muon"], config["recipe"]["settings"]["overlap"]
+    write_json(out / "config.json", config)
+    used = {"lr": 1e-3, "policy_muon": 0.0, "muon_lr": 4e-3, "warmup": 1}
+    for steps, given, muon in ((192, [], 0.0), (256, ["--imagination.policy-muon", 10], 10.0), (320, [], 10.0)):
+        text = run("imagine", *words, *given, "--steps", steps, "--resume")
+        settings = SavedRun(out).settings["imagination"]
+        assert {name: settings[name] for name in used} == {**used, "policy_muon": muon}
+        assert ("goes on with imagination.policy_muon 10.0 in place of 0.0" in text) == bool(given)
+        assert "goes on with imagination.lr" not in text
+    with pytest.raises(SystemExit, match=r"imagination.warmup is 3, was 1\. Budget"):
+        run("imagine", *words, "--imagination.warmup", 3, "--steps", 384, "--resume")
+
+
+@pytest.mark.parametrize("of", ["today", "an older plat"])
+def test_the_student_that_is_refined_is_known_by_its_weights(tmp_path, of):
+    student = write_run(tmp_path / "student", small_policy("latent"))
+    words = [*REFINE, "--variant", "finetune", "--device", "cpu", "--out", out := tmp_path / "run"]
+    run("refine-model", *words, "--student", student, "--steps", 64)
+    inputs = read_json(out / "inputs.json")
+    assert "init" not in inputs
+    if of == "an older plat":
+        inputs["init"] = inputs.pop("student")
+        write_json(out / "inputs.json", inputs)
+    student.rename(moved := tmp_path / "moved")
+    text = run("refine-model", *words, "--student", moved, "--steps", 128, "--resume")
+    assert f"goes on with student {moved} in place of {student}" in text
+    torch.manual_seed(1)
+    other = write_run(tmp_path / "other", small_policy("latent"))
+    with pytest.raises(SystemExit, match="student: other content"):
+        run("refine-model", *words, "--student", other, "--steps", 192, "--resume")
 
 
 @pytest.mark.parametrize("recipe", ["imagine", "expert-model", "refine-model"])

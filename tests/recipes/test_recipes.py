@@ -369,6 +369,33 @@ def test_settings_without_effect_are_refused(tmp_path, recipe, settings, message
     recipe(**usual, **settings, resume=True)  # begun when they were ignored
 
 
+OLDEST = {"lr": 1e-3, "muon_lr": 4e-3, "warmup": 40}
+DAY = {"lr": 2e-3, "policy_muon": 10.0, "muon_lr": 1.5e-2, "warmup": 20}
+
+
+@pytest.mark.parametrize(
+    ("trained", "saved", "used"),
+    [
+        ([], {"imagination": OLDEST}, (1e-3, 0.0, 4e-3, 40)),
+        (["init_model", "init"], {"imagination": OLDEST}, (1e-3, 0.0, 4e-3, 8)),
+        (["init_model"], {"imagination": {**OLDEST, "warmup": 5}}, (1e-3, 0.0, 4e-3, 5)),
+        (["init"], {"imagination": {**OLDEST, "lr": 2e-3}}, (2e-3, 0.0, 4e-3, 40)),
+        ([], {"imagination": DAY, "processes": 1}, (2e-3, 10.0, 1.5e-2, 20)),
+        (["init_model", "init"], {"imagination": DAY, "processes": 1}, (1e-3, 0.0, 4e-3, 8)),
+        (["init"], {"imagination": {**DAY, "lr": 5e-4}, "processes": 1}, (5e-4, 0.0, 1.5e-2, 20)),
+        (["init_model", "init"], {"imagination": DAY, "overlap": False}, (2e-3, 10.0, 1.5e-2, 20)),
+    ],
+)
+def test_a_resumed_run_keeps_the_rates_that_it_learned_with(tmp_path, trained, saved, used):
+    """Runs from before Muon for policies, of the day on which defaults stood for what suits, and of today."""
+    usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, **dict.fromkeys(trained, tmp_path)}
+    recipe = ImagineRecipe(**usual, resume=True)
+    assert recipe.with_rates(saved).rates() == used
+    assert ImaginationConfig(**recipe.as_written_now(saved)["imagination"]).rates() == used
+    told = ImagineRecipe(**usual, resume=True, imagination=ImaginationConfig(lr=1e-5, policy_muon=3.0))
+    assert told.with_rates(saved).rates() == (1e-5, 3.0, *used[2:])
+
+
 def test_a_share_of_long_commands_needs_a_timing_that_allows_them(tmp_path):
     usual = {"motions": ("a.npz",), "out": tmp_path, "minutes": 1.0, "task": TimedKeyframesConfig(distant=0.5)}
     check_distant(ImagineRecipe(**usual), Timing(max_steps=51))

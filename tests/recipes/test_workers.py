@@ -46,6 +46,15 @@ def test_one_worker_trains_the_same_policy(tmp_path):
     assert all(same[name].equal(value) for name, value in weights.items())
 
 
+def test_a_run_goes_on_in_one_worker_and_back(tmp_path):
+    _, expected = trained("expert", tmp_path / "whole", "--steps", 96)
+    for steps, number, rest in ((32, 0, []), (64, 1, ["--resume"]), (96, 0, ["--resume"])):
+        _, weights = trained("expert", tmp_path / "run", "--steps", steps, "--workers", number, *rest)
+    assert all(weights[name].equal(value) for name, value in expected.items())
+    with pytest.raises(SystemExit, match="workers is 2, was 0"):
+        trained("expert", tmp_path / "run", "--steps", 128, "--workers", 2, "--resume")
+
+
 def test_more_workers_than_robots_are_refused(tmp_path):
     with pytest.raises(SystemExit, match="--workers is 5, expected at most num_envs, 4"):
         trained("expert", tmp_path / "run", "--workers", 5)

@@ -8,7 +8,10 @@ from plat.runs.changes import changes, settings_of, with_defaults
 
 @pytest.mark.parametrize(
     "name",
-    ["steps", "minutes", "out", "device", "lr", "init_lr", "ppo.min_lr", "imagination.model_lr", "unseen", "ray"],
+    [
+        *("steps", "minutes", "out", "device", "lr", "init_lr", "ppo.min_lr", "imagination.model_lr", "unseen", "ray"),
+        "imagination.policy_muon",
+    ],
 )
 def test_what_may_change(name):
     assert changes(nested(name, 1), nested(name, 2), {}) == ({name: (1, 2)}, {})
@@ -17,6 +20,13 @@ def test_what_may_change(name):
 @pytest.mark.parametrize("name", ["seed", "num_envs", "policy.hidden", "policy.timing.control_dt", "task.noise", "clr"])
 def test_what_may_not_change(name):
     assert changes(nested(name, 1), nested(name, 2), {}) == ({}, {name: (1, 2)})
+
+
+@pytest.mark.parametrize(("before", "now", "may"), [(0, 1, True), (1, 0, True), (1, 2, False), ([], 1, False)])
+def test_one_worker_takes_the_place_of_none(before, now, may):
+    found = changes({"workers": before}, {"workers": now}, {})
+    assert (found.free if may else found.refused) == {"workers": (before, now)}
+    assert not (found.refused if may else found.free)
 
 
 def nested(name: str, value: object) -> dict:

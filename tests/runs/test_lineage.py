@@ -73,6 +73,16 @@ def test_a_student_is_known_within_the_policy_that_was_fine_tuned(tmp_path):
     assert [parent.name for parent in parents(child)] == ["tuned"]
 
 
+@pytest.mark.parametrize("name", ["student", "init"])
+def test_a_student_that_was_refined_by_imagination_is_known(tmp_path, name):
+    student, other = (LatentPolicy(G1, SMALL) for _ in range(2))
+    save_run(tmp_path / "student", student)
+    child = run(tmp_path / "child", "refine-model", student="student")
+    for policy, found in ((student, ["student"]), (other, [])):
+        write_json(child.folder / "inputs.json", {name: weights_print(policy)})  # init: of an older plat
+        assert [parent.name for parent in parents(child)] == found
+
+
 def test_a_run_that_was_trained_on_since_is_not_that_of_the_average(tmp_path):
     part = {"run": "a", "finished": {"steps": 5}, "made_with": None}
     write_json(tmp_path / "mean" / "config.json", {"average": [part]})
