@@ -42,7 +42,7 @@ _LIMIT_SLACK = 0.35
 _MANY, _FAR_BEYOND, _SHARE = 4, 0.5, 0.5
 # A joint has turned around where, whole turns taken off, it keeps its limits in this share of its frames beyond them,
 # and goes on by less than this from the frames before and behind (rad).
-_MOST, _STEADY = 0.9, np.pi / 2
+_MOST, _STEADY = 0.9, 1.0
 # Some joint of a motion in radians goes beyond this (rad), and no motion in degrees that keeps the limits of radians.
 _STILL = 0.5
 # Root height over what the legs need, in a motion in these units. In meters it is about 1.
