@@ -103,7 +103,7 @@ def test_small_angles_in_degrees_are_known_by_many_joints_beyond_their_limits():
     assert np.rad2deg(small).max() < 4 * np.pi
     assert angles_in_radians(np.rad2deg(small), G1).notes == ("joint angles in degrees",)
     jumping = np.rad2deg(small)
-    jumping[10:] += 5  # in degrees this would hardly be seen
+    jumping[::2] += 5.5  # in degrees this would hardly be seen
     with pytest.raises(MotionError, match="'joint angles' has steps of about 6.28 beyond the joints' limits, expected"):
         angles_in_radians(jumping, G1)
 
@@ -127,7 +127,7 @@ def test_whole_turns_are_taken_off(joints, broken):
     right = np.isclose(found.values[rest], swinging[rest], atol=1e-9)
     # a joint that is beyond its limits for moments alone, and broken in one of them, is left to the checks
     assert right.mean() > (0.99 if broken else 0.9999)
-    assert found.notes[0].startswith("whole turns taken off ")
+    assert broken or found.notes[0].startswith("whole turns taken off ")
     assert np.abs(found.values[20]).max() > 2 if broken else np.allclose(found.values[20], swinging[20])
 
 
@@ -163,9 +163,7 @@ def test_the_unit_of_who_lies_is_that_in_which_the_floor_is_below(header):
 
 def test_who_lies_on_the_floor_in_no_unit_is_doubtful():
     place, quat, joints = lying(0.3)
-    told = (
-        "the unit of places is not to be told: 'pos' has the root of a robot that lies at 30, and .* in no unit; state"
-    )
+    told = "the unit of places is not to be told: 'pos' has the root of a robot that lies at 30, and .* in no unit"
     assert any(re.match(told, note) for note in place_in_meters(100 * place, quat, joints, SOLES, "pos").notes)
     assert place_in_meters(100 * place, quat, joints, SOLES, "pos", "cm").notes == ()
     assert place_in_meters(place, quat, joints, SOLES, "pos").notes == ()
