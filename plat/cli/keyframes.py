@@ -6,6 +6,7 @@ plat keyframes around crossed_arms.json --out led_around.json
 plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +26,9 @@ from plat.robots import Robot, get_robot
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
 from plat.words import counted
+
+# of times that are written (s)
+_ROUNDING = 1e-6
 
 
 def from_motion(command: FromMotion) -> KeyframeSequence:
@@ -160,6 +164,9 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     elif command.kimodo:
         form = "constraints"
         write_constraints(command.out, robot, poses, command.fps)
+        moved = max(abs(round(pose.time * command.fps) / command.fps - pose.time) for pose in poses)
+        if moved > _ROUNDING:
+            print(f"times moved to the nearest frames, {command.fps:g} a second: by up to {moved:.2g} s")
     else:
         start, *others = poses
         if not others:
@@ -197,6 +204,24 @@ def _check_order(command: ConvertKeyframes, poses: list[Keyframe]) -> None:
         )
 
 
+def _check_partial(command: ConvertKeyframes, start: Keyframe | None, others: Sequence[Keyframe]) -> None:
+    """Raise for a keyframe that commands parts of its pose where whole poses are needed.
+
+    Raises:
+        KeyframeError: naming the file and its keyframe.
+    """
+    where = f"keyframe file {str(command.file)!r}"
+    for number, keyframe in enumerate(others):
+        if not keyframe.whole and not _to_keyframes(command):
+            form = "these constraints are of whole ones" if command.kimodo else "MJCF has whole ones only"
+            raise KeyframeError(f"{where}: keyframe {number}: it commands parts of a pose, and {form}")
+    if start is None and others and others[0].time == 0 and not others[0].whole:
+        raise KeyframeError(
+            f"{where}: keyframe 0: time is 0 s, expected at least {Timing().control_dt:g} s after 0 s: as the start it "
+            "would not command its parts"
+        )
+
+
 def _to_keyframes(command: ConvertKeyframes) -> bool:
     return command.out.suffix.lower() == ".json" and not command.kimodo
 
@@ -215,6 +240,7 @@ def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], lis
     content = keyframe_json(command.file)
     if holds_keyframes(content):
         start, others = keyframes_of(content, command.file, robot)
+        _check_partial(command, start, others)
         return [*([] if start is None else [start]), *others], [], ""
     poses, left_out = constraints_of(content, command.file, robot, command.fps)
     return poses, [f"left out: {', '.join(left_out)}"] if left_out else [], "--fps"

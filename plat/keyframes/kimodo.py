@@ -77,7 +77,7 @@ def write_constraints(path: Path, robot: Robot, keyframes: Sequence[Keyframe], f
     frames = [round(keyframe.time * fps) for keyframe in keyframes]
     if partial := [number for number, keyframe in enumerate(keyframes) if not keyframe.whole]:
         raise KeyframeError(
-            f"keyframe {partial[0]}: it commands parts of a pose, and these constraints are of whole ones"
+            f"constraints {str(path)!r}: keyframe {partial[0]}: it commands parts of a pose, expected a whole one"
         )
     if len(set(frames)) != len(frames):
         raise KeyframeError(f"constraints {str(path)!r}: two keyframes on one frame of {fps:g} a second")

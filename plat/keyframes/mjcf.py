@@ -83,7 +83,9 @@ def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> 
     names = _different([keyframe.name or f"key{number}" for number, keyframe in enumerate(keyframes)])
     for number, (keyframe, name) in enumerate(zip(keyframes, names, strict=True)):
         if not keyframe.whole:
-            raise KeyframeError(f"keyframe {number}: it commands parts of a pose, and MJCF has whole ones only")
+            raise KeyframeError(
+                f"MJCF file {str(path)!r}: keyframe {number}: it commands parts of a pose, and MJCF has whole ones only"
+            )
         qpos = " ".join(f"{value:.9g}" for value in keyframe.qpos)
         lines.append(f'    <key name={quoteattr(name)} time="{keyframe.time:.9g}" qpos="{qpos}"/>')
     lines += ["  </keyframe>", "</mujoco>", ""]

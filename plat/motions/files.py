@@ -7,6 +7,7 @@ then have the names that other formats give to other things. The other formats a
 """
 
 import logging
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -18,11 +19,13 @@ import numpy as np
 
 from plat.errors import MotionError, OutputError
 from plat.files import as_path, readable, write_file
+from plat.json_file import short
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.motions.formats import MotionFile, QuatOrder, ReadOptions, check_clip_names, csv_text, write_archive
 from plat.motions.formats.axes import Up
 from plat.motions.formats.clock import contradicting_name
 from plat.motions.formats.comment_rate import without_steps
+from plat.motions.formats.csv_file import clip_in_csv
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
@@ -266,17 +269,24 @@ def save_csv(folder: str | Path, clip: MotionClip, robot: Robot = G1) -> Path:
     """Write a clip to ``NAME_30fps.csv``: MuJoCo's ``qpos`` under a header, quaternion ``wxyz``.
 
     A rate that the clip's name states gives way to the clip's own, and so does what no file may be called or hides it.
+    The file of a clip of that name is replaced.
 
     Raises:
         MotionError: for a clip that is none of the robot's.
-        OutputError: when the disk does not take it, or its name.
+        OutputError: when the disk does not take it, or its name, or the file has a clip of another name.
     """
     clip.check(robot)
     folder = as_path(folder, "folder", OutputError)
     if folder.is_file():
         raise OutputError(f"folder {str(folder)!r}: is a file, expected a folder")
-    path = folder / csv_name(clip)
-    write_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names)), "motion file")
+    path, stem = folder / csv_name(clip), csv_stem(clip)
+    other = (clip_in_csv(path) or stem) if os.path.isfile(path) else clip.name
+    if other != clip.name:
+        raise OutputError(
+            f"motion file {str(path)!r}: has the clip {short(other)}, and would be replaced by {short(clip.name)}; "
+            "expected another folder, or names that differ by more than their rates"
+        )
+    write_file(path, lambda part: part.write_text(csv_text(clip, robot.joint_names, stem)), "motion file")
     return path
 
 

@@ -312,3 +312,47 @@ def test_options_without_effect_are_refused(tmp_path):
     (tmp_path / "out.json").rename(tmp_path / "constraints.json")
     half = KeyframeSequence.load(EXAMPLE, G1).duration / 2
     assert convert(tmp_path / "constraints.json", fps=20.0)[-1].time == pytest.approx(half, abs=0.03)
+
+
+def test_a_partial_keyframe_does_not_become_the_start(tmp_path):
+    """Its commands would be gone: it is refused as by show."""
+    drawn, out = tmp_path / "p.json", tmp_path / "out.json"
+    hand = only(G1, 0.5, left_hand=(0.35, 0.2, 0.95))
+    write_keyframes(drawn, G1, standing(G1), [hand, standing(G1).at(1.0)])
+    content = json.loads(drawn.read_text())
+    del content["start"]
+    content["keyframes"][0]["time"] = 0
+    drawn.write_text(json.dumps(content))
+    for run in (
+        lambda: keyframes.main(keyframes.Show(file=drawn)),
+        lambda: keyframes.main(keyframes.ConvertKeyframes(file=drawn, out=out)),
+    ):
+        with pytest.raises(
+            KeyframeError, match=r"p.json': keyframe 0: time is 0 s, expected at least 0.02 s after 0 s"
+        ):
+            run()
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("out", "kimodo"), [("out.xml", False), ("out.json", True)])
+@pytest.mark.parametrize("start", [True, False])
+def test_a_partial_keyframe_that_cannot_be_converted_is_named_as_in_its_file(tmp_path, out, kimodo, start):
+    drawn = tmp_path / "p.json"
+    write_keyframes(drawn, G1, standing(G1), [standing(G1).at(0.5), only(G1, 1.0, left_hand=(0.35, 0.2, 0.95))])
+    if not start:
+        content = json.loads(drawn.read_text())
+        del content["start"]
+        drawn.write_text(json.dumps(content))
+    with pytest.raises(KeyframeError, match=r"p.json': keyframe 1: it commands parts of a pose, and .* whole ones"):
+        keyframes.main(keyframes.ConvertKeyframes(file=drawn, out=tmp_path / out, kimodo=kimodo))
+    assert not (tmp_path / out).exists()
+
+
+def test_times_that_move_to_frames_are_told(tmp_path, capsys):
+    def told(*times: float) -> bool:
+        write_keyframes(tmp_path / "k.json", G1, standing(G1), [standing(G1).at(time) for time in times])
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "k.json", out=tmp_path / "out.json", kimodo=True))
+        return "times moved to the nearest frames, 30 a second: by up to 0.017 s\n" in capsys.readouterr().out
+
+    assert told(0.02, 0.75, 1.25)
+    assert not told(0.1, 0.5)

@@ -1,4 +1,5 @@
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -434,3 +435,54 @@ def test_long_names_in_a_file_do_not_make_long_messages(tmp_path):
     with pytest.raises(MotionError, match="'joint_names' lacks") as error:
         load_motions(tmp_path / "a.npz")
     assert len(str(error.value)) < 1200
+
+
+SIDE, HALF = (np.sqrt(0.5), -np.sqrt(0.5), 0, 0), np.sqrt(0.5)
+
+
+@pytest.mark.parametrize(
+    ("place", "quat", "broken"),
+    [
+        ((0, 0, 0.76), (1, 0, 0, 0), True),
+        ((0, 0, 2.0), (1, 0, 0, 0), False),
+        ((0, 0, 4.5), (1, 0, 0, 0), False),
+        ((1500, 0, 0.76), (1, 0, 0, 0), False),
+        ((0, 0, 0.11), SIDE, False),
+        ((0, 0.75, 0.11), SIDE, False),
+        ((0, 0.9, 0.5), SIDE, False),
+        ((0.8, 0, 0.5), (HALF, 0, HALF, 0), False),
+        ((0, 0, 0.7), (0, 1, 0, 0), False),
+    ],
+)
+def test_what_plat_wrote_comes_back_as_it_was(tmp_path, place, quat, broken):
+    """It is in meters and radians, z up: a broken frame made degrees of it, a height feet, and who lay stood up."""
+    qpos = np.tile(G1.default_qpos, (60, 1))
+    qpos[:, :3], qpos[:, 3:7] = place, quat
+    if broken:
+        qpos[30, 22:27] += 3.5
+    clip = MotionClip("a", qpos, 30.0).checked(G1)
+    save_motions(tmp_path / "a.npz", [clip])
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, rtol=0, atol=1e-6 * max(1, *place))
+    assert file.facts == "plat npz, 30 fps"
+
+
+def test_what_is_stated_of_what_plat_wrote_is_done(tmp_path, clip):
+    save_motions(tmp_path / "a.npz", [clip])
+    (read,) = load_motions(tmp_path / "a.npz", units="cm")
+    np.testing.assert_allclose(read.qpos[:, :3], 0.01 * clip.qpos[:, :3], atol=1e-6)
+
+
+def test_no_table_of_a_clip_replaces_that_of_another(tmp_path, clip):
+    waves = [replace(clip, name=f"arm_{hertz}hz") for hertz in (1, 2, 3)]
+    assert [save_csv(tmp_path, wave).name for wave in waves] == [f"arm_{hertz}hz_30fps.csv" for hertz in (1, 2, 3)]
+    assert sorted(found.name for found in load_motions(tmp_path)) == ["arm_1hz", "arm_2hz", "arm_3hz"]
+    for first, *others in (("b_60fps", "b_120fps", "b"), ("c", "c_60fps", "..c"), ("d/e", "d_e")):
+        path = save_csv(tmp_path, replace(clip, name=first))
+        assert load_motions(path)[0].fps == 30
+        for other in others:
+            told = f"{path.name}': has the clip '{first}', and would be replaced by '{other}'; expected another"
+            with pytest.raises(OutputError, match=re.escape(told)):
+                save_csv(tmp_path, replace(clip, name=other))
+        assert save_csv(tmp_path, replace(clip, name=first, qpos=clip.qpos[1:])) == path  # the same clip anew
+        assert len(load_motions(path)[0].qpos) == len(clip.qpos) - 1

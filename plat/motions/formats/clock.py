@@ -2,16 +2,20 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from plat.errors import MotionError
+from plat.motions.clip import MotionClip
 from plat.motions.formats.comment_rate import LIKELY, rates_in_comments, rates_of_steps
-from plat.motions.formats.common import number
+from plat.motions.formats.common import FPS, number
 from plat.motions.formats.names import is_time, tokens
 from plat.motions.formats.rate import rates_in_name
+from plat.rotations import quat_slerp
 
 __all__ = [
     "StatedRate",
@@ -19,12 +23,14 @@ __all__ = [
     "contradiction",
     "counts_frames",
     "distinct_rates",
+    "evenly_timed",
     "numbering_fault",
     "rate_fields",
     "rate_of_times",
     "rates_of_fields",
     "stated_rates",
     "tells_time",
+    "times_of_fields",
     "unit_of_times",
 ]
 
@@ -46,8 +52,8 @@ _SAME_RATE = 0.02
 # Whole numbers that go on by so much at most count frames, of which some may be left out. In ms they were over 240 Hz.
 _LARGEST_COUNT = 4
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# A step this much longer than the usual one leaves frames out.
-_GAP = 1.8
+# A step this much longer than the usual one leaves frames out, and this much shorter ones are no jitter.
+_GAP, _SHORT = 1.8, 0.5
 
 
 def rate_of_times(times: np.ndarray, unit: str = "") -> float:
@@ -82,6 +88,31 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
     raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
+
+
+def evenly_timed(clip: MotionClip, times: np.ndarray) -> MotionClip:
+    """Return a clip at even times, with a note, where those of its frames ``[T]`` are more than a step from even ones.
+
+    What wavers by less is the jitter of a recording, and its frames are taken as even.
+    """
+    if len(times) != len(clip.qpos):
+        return clip
+    even = np.linspace(times[0], times[-1], len(times))
+    usual = even[1] - even[0]
+    steps = np.diff(times) / usual / clip.fps
+    told = f"frames {steps.min():.3g} to {steps.max():.3g} s apart"
+    if np.abs(times - even).max() <= usual:
+        uneven = steps.min() < _SHORT * np.median(steps)
+        return replace(clip, notes=(*clip.notes, f"{told}, read as even")) if uneven else clip
+    before = np.searchsorted(times, even[1:-1], side="right") - 1
+    weight = (even[1:-1] - times[before]) / (times[before + 1] - times[before])
+    qpos = clip.qpos.copy()
+    start, end = torch.from_numpy(clip.qpos[before]), torch.from_numpy(clip.qpos[before + 1])
+    part = torch.from_numpy(weight).to(start)
+    between = torch.lerp(start, end, part[:, None])
+    between[:, 3:7] = quat_slerp(start[:, 3:7], end[:, 3:7], part)
+    qpos[1:-1] = between.numpy()
+    return replace(clip, qpos=qpos, notes=(*clip.notes, f"{told}, resampled to even ones"))
 
 
 def unit_of_times(times: np.ndarray, rate: float) -> str:
@@ -140,7 +171,7 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     Times are looked at where there is one for each frame of another array.
 
     Raises:
-        MotionError: for a rate that is not one number, or times that do not go on evenly.
+        MotionError: for a rate that is not one number, a time that no frame takes, or times that leave frames out.
 
     >>> rates_of_fields({"fps": 30, "dt": 0.02, "frequency": 30.1})
     [(30.0, "'fps'"), (50.0, "'dt'")]
@@ -152,16 +183,46 @@ def rates_of_fields(fields: Mapping[str, Any]) -> list[StatedRate]:
     named += [name for name in loose if _is_likely(_one_of(fields[name]))]
     stated = [(number(_one_of(fields[name]), name), repr(name)) for name in named]
     steps = [called[known] for known in _STEPS if known in called]
-    stated += [(1 / max(number(_one_of(fields[name]), name), 1e-9), repr(name)) for name in steps]
+    alone = not stated  # else the two are compared
+    stated += [(_rate_of_step(number(_one_of(fields[name]), name), name, alone), repr(name)) for name in steps]
+    stated += [(rate_of_times(times), repr(name)) for name, times in times_of_fields(fields).items()]
+    return distinct_rates(stated)
+
+
+def _rate_of_step(step: float, name: str, alone: bool) -> float:
+    """Return the frames a second of the seconds that a frame takes.
+
+    Raises:
+        MotionError: for a time that no frame takes, with the rate that it would be in another unit, where it is alone.
+
+    >>> _rate_of_step(0.02, "dt", True)
+    50.0
+    """
+    if not step > 0:
+        raise MotionError(f"{name!r} is {step:g}, expected a positive time")
+    least, most = FPS
+    if alone and not least <= 1 / step <= most:
+        units = (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9))
+        meant = [f" ({1 / (step * unit):.4g} frames a second if it is in {told})" for told, unit in units]
+        likely = [least <= 1 / (step * unit) <= most for _, unit in units]
+        told = next((told for told, fits in zip(meant, likely, strict=True) if fits), "")
+        raise MotionError(f"{name!r} is {step:g} s a frame, expected {1 / most:g} to {1 / least:g}{told}")
+    return 1 / step
+
+
+def times_of_fields(fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return the times of the frames ``[T]`` that fields of an archive or pickle hold, by the names of these.
+
+    They are as many as another array has rows, and no count of frames.
+    """
     arrays = {name: value for name, value in fields.items() if isinstance(value, np.ndarray)}
     lengths = {size for array in arrays.values() if array.ndim > 1 for size in array.shape[:2]}
-    for name in filter(tells_time, arrays):
-        times = arrays[name]
-        if times.ndim != 1 or len(times) not in lengths or times.dtype.kind not in "fiu":
-            continue
-        if len(times) > 2 and not counts_frames(times):
-            stated.append((rate_of_times(times.astype(np.float64)), repr(name)))
-    return distinct_rates(stated)
+    return {
+        name: times.astype(np.float64)
+        for name, times in arrays.items()
+        if tells_time(name) and times.ndim == 1 and len(times) in lengths and times.dtype.kind in "fiu"
+        if len(times) > 2 and not counts_frames(times)
+    }
 
 
 def rate_fields(fields: Iterable[Any]) -> list[str]:

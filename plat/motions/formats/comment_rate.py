@@ -3,10 +3,13 @@
 import re
 from collections.abc import Iterator, Sequence
 
-__all__ = ["LIKELY", "rates_in_comment", "rates_in_comments", "rates_of_steps", "without_steps"]
+__all__ = ["LEAST_HERTZ", "LIKELY", "rates_in_comment", "rates_in_comments", "rates_of_steps", "without_steps"]
 
 LIKELY = (5.0, 1000.0)
 """Frames a second that motions have; what counts in another unit lies far outside."""
+
+LEAST_HERTZ = 10.0
+"""Hertz that name nothing are of movements below this."""
 
 _NUMBER = r"(?<![\d.])(\d+(?:\.\d*)?|\.\d+)(?![\d.]*\d)"
 _HERTZ = r"(?:k?hz|hertz|1/s)(?![a-z])"
@@ -50,8 +53,6 @@ _OF_SOURCE = re.compile(
     rf"|(?<![a-z])from\s+(?:[a-z]+\s+)?{_NUMBER}\s*(?:{_HERTZ}|{_FRAMES})",
     re.IGNORECASE,
 )
-# Hertz that name nothing are of movements below this
-_LEAST_HERTZ = 10.0
 _STEP = (
     r"(?<![a-z])(?:dt|delta[ _-]?t|(?:time|frame|sampl(?:e|ing))[ _-]?(?:step|time|interval|period|duration))"
     r"|(?<![a-z])(?:period|interval)"
@@ -110,7 +111,7 @@ def _of_part(part: str) -> Iterator[float]:
         if word is not None and named is not None and word.lower() not in _NO_OTHER:
             continue
         rate = float(named or alone) * (1000 if thousands or (unit or "").lower() == "khz" else 1)
-        if (LIKELY[0] if named else _LEAST_HERTZ) <= rate <= LIKELY[1]:
+        if (LIKELY[0] if named else LEAST_HERTZ) <= rate <= LIKELY[1]:
             yield rate
 
 

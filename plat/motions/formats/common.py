@@ -16,12 +16,20 @@ from plat.motions.checks.feet import Soles
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up, z_up
 from plat.motions.formats.joint_columns import robot_columns
-from plat.motions.formats.units import Angles, Units, angles_in_radians, place_in_meters, unit_quaternions
+from plat.motions.formats.units import (
+    Angles,
+    Converted,
+    Units,
+    angles_in_radians,
+    place_in_meters,
+    unit_quaternions,
+)
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots.robot import Robot
 from plat.words import counted
 
 __all__ = [
+    "FPS",
     "FrameRate",
     "MotionFile",
     "QuatOrder",
@@ -35,8 +43,10 @@ __all__ = [
 
 QuatOrder = Literal["wxyz", "xyzw"]
 
-_FPS = (1, 1000)
-FrameRate: TypeAlias = Annotated[float, Range(*_FPS)]
+FPS = (1, 1000)
+"""Least and most frames a second of a motion."""
+
+FrameRate: TypeAlias = Annotated[float, Range(*FPS)]
 """Frames a second that a motion may have."""
 
 
@@ -85,6 +95,7 @@ class MotionFile:
         clips: its motions.
         notes: what was assumed, detected or filled in, a phrase each.
         unheard: what may be stated of files, by its name in :class:`ReadOptions`, and says nothing about this one.
+        marked: whether plat wrote it, so that nothing about it is to be guessed.
     """
 
     path: Path
@@ -92,6 +103,7 @@ class MotionFile:
     clips: list[MotionClip]
     notes: tuple[str, ...] = ()
     unheard: tuple[str, ...] = ()
+    marked: bool = False
 
     @property
     def facts(self) -> str:
@@ -144,6 +156,7 @@ def make_clip(
     fields: tuple[str, str],
     notes: Sequence[str] = (),
     written: Units | None = None,
+    marked: bool = False,
 ) -> MotionClip:
     """Return a checked clip from the parts of a file, in meters and radians, z up.
 
@@ -158,6 +171,7 @@ def make_clip(
         fields: what the file calls root position and quaternion.
         notes: on this clip.
         written: unit of ``root_pos``, where the file's header or a comment states it.
+        marked: whether plat wrote the file: it is in meters and radians, z up, whatever the robot does in it.
 
     Raises:
         MotionError: for parts that do not fit together, units that no motion has, or an impossible frame rate.
@@ -174,11 +188,10 @@ def make_clip(
     if len(joint_pos) < 2 or not all(np.isfinite(part).all() for part in parts):
         return MotionClip(name, np.concatenate(parts, 1), fps).checked(robot)  # says what is wrong
     quat = unit_quaternions(parts[1], fields[1])
-    angles = angles_in_radians(parts[2], robot)
-    upright, turned = z_up(parts[0], quat.values, angles.values, options.soles, options.up)
-    place = place_in_meters(
-        upright.values, turned.values, angles.values, options.soles, fields[0], options.units, written
-    )
+    angles = Converted(parts[2]) if marked else angles_in_radians(parts[2], robot)
+    up, units = options.up or ("z" if marked else None), options.units or ("m" if marked else None)
+    upright, turned = z_up(parts[0], quat.values, angles.values, options.soles, up)
+    place = place_in_meters(upright.values, turned.values, angles.values, options.soles, fields[0], units, written)
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)
@@ -190,9 +203,9 @@ def check_rate(fps: float) -> None:
     Raises:
         MotionError: naming the rate.
     """
-    if not _FPS[0] <= fps <= _FPS[1]:
-        meant = f" ({1 / fps:g} if that is the time of a frame)" if fps > 0 and _FPS[0] <= 1 / fps <= _FPS[1] else ""
-        raise MotionError(f"fps is {fps:g}, expected {_FPS[0]:g} to {_FPS[1]:g} frames a second{meant}")
+    if not FPS[0] <= fps <= FPS[1]:
+        meant = f" ({1 / fps:g} if that is the time of a frame)" if fps > 0 and FPS[0] <= 1 / fps <= FPS[1] else ""
+        raise MotionError(f"fps is {fps:g}, expected {FPS[0]:g} to {FPS[1]:g} frames a second{meant}")
 
 
 def number(value: Any, field: str) -> float:

@@ -1,16 +1,20 @@
 """Tables with a row a frame: root position, root quaternion or Euler angles, joints."""
 
+import json
 import shlex
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.beside import rates_beside
 from plat.motions.formats.clock import (
     distinct_rates,
+    evenly_timed,
     rate_fields,
     rate_of_times,
     rates_of_fields,
@@ -20,21 +24,25 @@ from plat.motions.formats.clock import (
 from plat.motions.formats.columns import Parts, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.joint_orders import in_robot_order
+from plat.motions.formats.names import is_time
 from plat.motions.formats.pace import Pace, UnfitRateError, settled_rate
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.root_turn import likeliest_turn
 from plat.motions.formats.table import Table, read_table
 from plat.motions.formats.turns import EULER
+from plat.words import counted
 
-__all__ = ["csv_text", "read_csv", "read_values"]
+__all__ = ["clip_in_csv", "csv_text", "read_csv", "read_values"]
 
 # of the LAFAN1 retargeting data set, whose files do not say it, and of BONES-SEED, whose header is known
 _USUAL_FPS = 30.0
 _SEED_FPS = 120.0
-# the comment with which plat writes a rate that was assumed
+# the comments with which plat writes a rate that was assumed, and the name of a clip that its file cannot have
 _ASSUMED = "fps assumed"
+_CLIP = "plat clip "
 _FIELDS = ("root position", "root rotation")
+_LONGEST_LINE = 1 << 20
 
 
 def read_csv(path: Path, options: ReadOptions) -> MotionFile:
@@ -44,7 +52,10 @@ def read_csv(path: Path, options: ReadOptions) -> MotionFile:
     options, else from the header, else from what it does to the robot. The frame rate comes from the options, else
     from a column of times, a comment or the name.
     """
-    return read_values(path, read_table(path), options, "csv")
+    table = read_table(path)
+    # a rate in the clip's name is none of the file's
+    comments = [line for line in table.comments if not line.startswith(_CLIP)]
+    return read_values(path, replace(table, comments=comments), options, "csv")
 
 
 def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> MotionFile:
@@ -66,16 +77,44 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     unsure = tuple(note for note in told if note == ASSUMED_RATE)
     told = tuple(note for note in told if note != ASSUMED_RATE)
     clip = replace(clip, fps=fps, notes=(*unsure, *clip.notes))
+    if parts.times is not None and options.fps is None:
+        clip = evenly_timed(clip, parts.times[0])
     unheard = ("quat_order",) if three else ()
-    return MotionFile(path, kind, [clip], (*shown, *told, *doubts, *parts.notes, *notes, *more), unheard)
+    notes = [*shown, *told, *doubts, *parts.notes, *_left_out(table), *notes, *more]
+    return MotionFile(path, kind, [clip], tuple(notes), unheard)
 
 
-def csv_text(clip: MotionClip, joint_names: tuple[str, ...]) -> str:
-    """Return a clip as a table with a header that :func:`read_csv` understands, quaternion ``wxyz``."""
+def _left_out(table: Table) -> list[str]:
+    """Return a note on the columns of texts that are not read."""
+    shown = ", ".join(short(name) for name, _ in [*table.texts.values()][:3])
+    more = ", ..." if len(table.texts) > 3 else ""
+    return [f"{counted(len(table.texts), 'column')} of texts left out ({shown}{more})"] if table.texts else []
+
+
+def clip_in_csv(path: Path) -> str | None:
+    """Return the name of the clip in a table that plat wrote, or None where only the file's name says it."""
+    with path.open("rb") as file:
+        line = file.readline(_LONGEST_LINE).decode(errors="replace")
+    if not line.startswith(f"# {_CLIP}"):
+        return None
+    with suppress(ValueError):
+        return str(json.loads(line.removeprefix(f"# {_CLIP}")))
+    return None
+
+
+def csv_text(clip: MotionClip, joint_names: tuple[str, ...], stem: str | None = None) -> str:
+    """Return a clip as a table with a header that :func:`read_csv` understands, quaternion ``wxyz``.
+
+    Args:
+        clip: what is written.
+        joint_names: of the robot.
+        stem: what its file is called, without the rate: a comment has the clip's name where that is another.
+    """
     header = [*(f"root_{axis}" for axis in "xyz"), *(f"quat_{axis}" for axis in "wxyz"), *joint_names]
     rows = (",".join(f"{value:.7g}" for value in row) for row in clip.qpos.tolist())
+    named = () if stem in (clip.name, None) else (f"# {_CLIP}{json.dumps(clip.name)}",)
     doubt = (f"# {_ASSUMED}",) if ASSUMED_RATE in clip.notes else ()
-    return "\n".join((*doubt, ",".join(header), *rows, ""))
+    return "\n".join((*named, *doubt, ",".join(header), *rows, ""))
 
 
 def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
@@ -141,7 +180,8 @@ def _rate(
     """Return the frame rate and what it was taken from.
 
     Raises:
-        MotionError: where several are stated and the motion does not decide, or none is and it contradicts the usual.
+        MotionError: where several are stated and the motion does not decide, or none is and it contradicts the usual,
+            or there are times that are not understood.
     """
     if options.fps is not None:
         return clip.fps, ()
@@ -163,6 +203,11 @@ def _rate(
     if distinct:
         rate, told = settled_rate(distinct, [clip], options.robot)
         return rate, (told,)
+    for column, (name, text) in table.texts.items():
+        if is_time(name):
+            raise MotionError(
+                f"column {column + 1} ({name!r:.40}) holds {text!r:.40}, expected a number or a time (or state --fps)"
+            )
     pace = Pace(clip, options.robot)
     if against := pace.against(_USUAL_FPS):
         raise UnfitRateError(

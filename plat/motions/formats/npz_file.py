@@ -14,7 +14,7 @@ from plat.errors import MotionError
 from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
-from plat.motions.formats.clock import contradicting_name, stated_rates
+from plat.motions.formats.clock import contradicting_name, evenly_timed, stated_rates, times_of_fields
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root
@@ -106,6 +106,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     if links and options.fps is None and not states_rate(arrays) and not stated_rates(path, []):
         arrays["fps"] = np.array(KIMODO_FPS)
         notes.append("fps as Kimodo writes it")
+    times = [*times_of_fields(arrays).values()][:1] if options.fps is None else []
     rates = take_rates(arrays, options.fps, path)
     fps = rates[0][0]
     if links:
@@ -117,6 +118,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     clips = file.clips
     fps, told = rate_of_file(path, rates, _some(clips), options.robot)
     clips = [replace(clip, fps=fps) for clip in clips]
+    clips = [evenly_timed(clip, times[0]) for clip in clips] if times else clips
     return replace(file, clips=clips, notes=(*notes, *told, *file.notes))
 
 
@@ -129,7 +131,7 @@ def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> Mot
     arrays = {name: array for name, array in arrays.items() if name not in RESERVED}
     widths = _widths(names, options)
     fitting = {name: array for name, array in arrays.items() if _is_motion(array, widths)}
-    file = _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options)
+    file = _read(path, arrays, fitting, {name: name for name in fitting}, fps, names, options, marked=True)
     named = contradicting_name(path, [stated])
     if len(named) == 1 and assumed >= {clip.name for clip in file.clips}:  # what a name states beats what was assumed
         stated, assumed = named[0], set()
@@ -137,7 +139,7 @@ def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> Mot
     clips = [
         replace(clip, fps=fps, notes=((ASSUMED_RATE,) * (clip.name in assumed) + clip.notes)) for clip in file.clips
     ]
-    return replace(file, clips=clips, notes=(*told, *file.notes))
+    return replace(file, clips=clips, notes=(*told, *file.notes), marked=True)
 
 
 def _some(clips: Sequence[MotionClip]) -> Sequence[MotionClip]:
@@ -228,6 +230,7 @@ def _read(
     fps: float,
     names: list[str] | None,
     options: ReadOptions,
+    marked: bool = False,
 ) -> MotionFile:
     """Read clips from arrays.
 
@@ -239,6 +242,7 @@ def _read(
         fps: frames a second.
         names: of the joints, where the file has them.
         options: what the user says.
+        marked: whether plat wrote them.
     """
     if not fitting:
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
@@ -252,11 +256,11 @@ def _read(
         MotionClip(empty[0], fitting[empty[0]], fps).checked(options.robot)  # says what is wrong
     fitting = {name: array for name, array in fitting.items() if name not in empty}
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
-    some = [*fitting][:: max(1, len(fitting) // _EXAMINED)]
+    some = [] if marked else [*fitting][:: max(1, len(fitting) // _EXAMINED)]
     looked_at = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
     doubtful = any(clip.notes for clip in looked_at.values())
     clips = [
-        looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful)
+        looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful, marked)
         for name, qpos in fitting.items()
     ]
     notes = [f"{counted(len(left_out), 'other array')} left out ({', '.join(left_out[:3])})"] if left_out else []
@@ -289,6 +293,7 @@ def _clip(
     names: list[str] | None,
     options: ReadOptions,
     doubtful: bool = True,
+    marked: bool = False,
 ) -> MotionClip:
     robot = options.robot
     full, beside = 7 + robot.num_joints, 7 + robot.num_joints + _BESIDE
@@ -302,7 +307,8 @@ def _clip(
 
     def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
         told = (*doubts, *notes, *more)
-        return make_clip(label, qpos[:, :3], qpos[:, 3:7], joints, fps, options, order, (field, field), told)
+        place, quat, fields = qpos[:, :3], qpos[:, 3:7], (field, field)
+        return make_clip(label, place, quat, joints, fps, options, order, fields, told, marked=marked)
 
     stated = options.quat_order or "wxyz"
     if not doubtful:

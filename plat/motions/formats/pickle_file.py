@@ -10,7 +10,15 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
-from plat.motions.formats.clock import StatedRate, distinct_rates, rate_fields, rates_of_fields, stated_rates
+from plat.motions.formats.clock import (
+    StatedRate,
+    distinct_rates,
+    evenly_timed,
+    rate_fields,
+    rates_of_fields,
+    stated_rates,
+    times_of_fields,
+)
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
@@ -79,7 +87,8 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         try:
             yield
         except MotionError as error:
-            raise error if single else MotionError(f"motion {name!r}: {error}") from None
+            named = single or str(error).startswith(f"motion {str(name)!r}: ")  # as a clip's own check does
+            raise error if named else MotionError(f"motion {name!r}: {error}") from None
 
     # a file may name one array a thousand times: what is read must not be larger than what is there
     spare = size
@@ -92,6 +101,9 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         with naming(name):
             refuse_human_body([field for field in fields if isinstance(field, str)])
             read[name] = _Motion.of(path, str(name), fields, options)
+    short = [name for name, motion in read.items() if motion.joint_pos.ndim == 2 and len(motion.joint_pos) < 2]
+    if len(short) < len(read):  # else the check of a clip says what is wrong
+        read = {name: motion for name, motion in read.items() if name not in short}
     layouts = _layouts(read, naming)
     clips, orders = [], set[str]()
     for name, motion in read.items():
@@ -104,7 +116,10 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         orders.add(order)
     kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
     unheard = () if any(motion.options is options for motion in read.values()) else ("quat_order",)
-    return MotionFile(path, kind, clips, (f"quaternion {'/'.join(sorted(orders))}",), unheard)
+    notes = [f"quaternion {'/'.join(sorted(orders))}"]
+    if short:
+        notes.append(f"left out, with less than 2 frames: {', '.join(map(str, short[:3]))}")
+    return MotionFile(path, kind, clips, tuple(notes), unheard)
 
 
 @dataclass(frozen=True)
@@ -127,6 +142,7 @@ class _Motion:
         joint_pos: ``[T, n]``.
         names: of its columns, where the file has them.
         rates: that its fields state, the first one first.
+        times: of its frames, none or one ``[T]``.
         stated: order of the quaternion by the options or the format.
         options: what the user says.
     """
@@ -138,6 +154,7 @@ class _Motion:
     joint_pos: np.ndarray
     names: list[str] | None
     rates: list[StatedRate]
+    times: list[np.ndarray]
     stated: QuatOrder
     options: ReadOptions
 
@@ -151,7 +168,10 @@ class _Motion:
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         names = None if listed is None else strings(listed, "joint_names")
         rates = _rates(path, fields) if options.fps is None else [(options.fps, "--fps")]
-        return cls(path, name, root_pos, root_quat, joint_pos, names, rates, options.quat_order or usual, options)
+        plain = {name: _unwrap(value) for name, value in fields.items()} if options.fps is None else {}
+        times = [*times_of_fields(plain).values()][:1]
+        order = options.quat_order or usual
+        return cls(path, name, root_pos, root_quat, joint_pos, names, rates, times, order, options)
 
     def layout(self) -> _Layout | None:
         """Return what the joints without names are by the poses they make; None where names or their number say it.
@@ -190,7 +210,8 @@ class _Motion:
             order, doubts = settle_quat_order(in_file, clip.fps, self.options.soles, order)
             clip = self._read(joint_pos, order, (*doubts, *notes)) if doubts else clip
         fps, told = rate_of_file(self.path, self.rates, [clip], robot)
-        return replace(clip, fps=fps, notes=(*clip.notes, *told)), order
+        clip = replace(clip, fps=fps, notes=(*clip.notes, *told))
+        return (evenly_timed(clip, self.times[0]) if self.times else clip), order
 
     def _read(self, joint_pos: np.ndarray, order: QuatOrder, notes: tuple[str, ...] = ()) -> MotionClip:
         fps, called = self.rates[0][0], ("/".join(_ROOT_POS), "/".join(_ROOT_QUAT))

@@ -3,6 +3,7 @@
 import re
 
 from plat.errors import MotionError
+from plat.motions.formats.comment_rate import LEAST_HERTZ
 
 __all__ = ["RATES", "rates_in_name", "without_rates"]
 
@@ -28,7 +29,7 @@ _STATED = re.compile(
 
 
 def rates_in_name(name: str) -> list[float]:
-    """Return the frame rates that a name states, each once, in its order.
+    """Return the frame rates that a name states, each once, in its order; a few Hertz are those of a movement.
 
     Raises:
         MotionError: for a rate of 0.
@@ -39,11 +40,19 @@ def rates_in_name(name: str) -> list[float]:
     [[60.0], [60.0], [29.97]]
     >>> [rates_in_name(name) for name in ("kick@3", "kick@60", "walk_50hz_lowpass_6hz")]
     [[], [60.0], [50.0]]
+    >>> [rates_in_name(name) for name in ("wave_2hz", "wave_2hz_50fps", "walk_2fps")]
+    [[], [50.0], [2.0]]
     """
-    found = [float(rate) for match in _STATED.finditer(name) for rate in match.groups() if rate]
+    found = [rate for match in _STATED.finditer(name) if (rate := _rate(match)) is not None]
     if 0.0 in found:
         raise MotionError("its name states 0 frames a second, expected a positive rate")
     return list(dict.fromkeys(found))
+
+
+def _rate(match: re.Match[str]) -> float | None:
+    """Return the frame rate that a part of a name states, or None for one that is of something else."""
+    rate = next((float(rate) for rate in match.groups() if rate), None)
+    return None if rate is not None and "hz" in match[0].lower() and 0 < rate < LEAST_HERTZ else rate
 
 
 def without_rates(name: str, otherwise: str | None = None) -> str:
@@ -53,8 +62,8 @@ def without_rates(name: str, otherwise: str | None = None) -> str:
         name: of a file or clip.
         otherwise: what to return where nothing else is in it; the name, if that is None.
 
-    >>> without_rates("walk_60fps"), without_rates("60fps"), without_rates("60fps", "motion")
-    ('walk', '60fps', 'motion')
+    >>> without_rates("walk_60fps"), without_rates("60fps"), without_rates("60fps", "motion"), without_rates("wave_2hz")
+    ('walk', '60fps', 'motion', 'wave_2hz')
     """
-    kept = _STATED.sub(lambda match: "" if any(match.groups()) else match[0], name)
+    kept = _STATED.sub(lambda match: match[0] if _rate(match) is None else "", name)
     return kept or (name if otherwise is None else otherwise)

@@ -12,6 +12,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.files import decoded
+from plat.motions.formats.names import is_time
 from plat.words import counted
 
 __all__ = ["Table", "read_table"]
@@ -28,6 +29,12 @@ _FEW_CELLS = 4
 _WHOLE = re.compile(r"[+-]?\d*(?:e[+-]?\d+)?", re.IGNORECASE)
 # hours, minutes, seconds and frames
 _TIMECODE = re.compile(r"(\d+):(\d\d):(\d\d)[:;](\d\d)")
+# a number and a unit of time; and a date, hours, minutes and seconds, of which the first two may be missing
+_WITH_UNIT = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(seconds?|secs?|s|ms|us|µs|ns)", re.IGNORECASE)
+_UNITS_OF_TIME = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9} | dict.fromkeys(
+    ("s", "sec", "secs", "second", "seconds"), 1.0
+)
+_CLOCK = re.compile(r"(?:(\S+)[ T]+(?=\d+:\d+:))?(?:(\d{1,2}):)?(\d{1,2}):(\d\d(?:[.,]\d+)?)")
 _DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 # the line with which Excel is told what separates cells
 _EXCEL = re.compile(r"sep=(.)\W*$", re.IGNORECASE)
@@ -45,20 +52,23 @@ class Table:
         values: ``[T, columns]``.
         comments: lines that the file marks as such, without the mark.
         empty: columns with an empty cell, each with the row of the file that has the first; NaN stands in ``values``.
+        texts: columns of texts that are left out, each with its name and its first text.
     """
 
     header: list[str]
     values: np.ndarray
     comments: list[str]
     empty: Mapping[int, int] = field(default_factory=dict)
+    texts: Mapping[int, tuple[str, str]] = field(default_factory=dict)
 
 
 def read_table(path: Path) -> Table:
     """Read a table of numbers separated by commas, semicolons, tabs, bars or spaces.
 
     A header, comments, lines before the table, an empty last column and decimal commas are understood. A row of
-    numbers that count the columns, as pandas writes them, is a header. Dates with times, and times of a day, become
-    seconds, and a named column in which all rows have the same text is left out.
+    numbers that count the columns, as pandas writes them, is a header. Dates with times, times of a day and numbers
+    with a unit of time become seconds. A named column in which all rows have the same text is left out, and so is one
+    of times that are none of these.
 
     Raises:
         MotionError: naming row and column, when there are no numbers or a cell is none.
@@ -104,9 +114,9 @@ def read_table(path: Path) -> Table:
             raise MotionError("decimal commas between commas are not to be told apart: separate columns by semicolons")
         if len(row) != width:
             raise MotionError(f"row {number} has {counted(len(row), 'column')}, row {rows[0][0]} has {width}")
-    header, rows = _without_texts(header, rows)
+    header, rows, left_out = _without_texts(header, rows)
     empty: dict[int, int] = {}
-    return Table(header, _numbers(header, rows, empty), comments, empty)
+    return Table(header, _numbers(header, rows, empty), comments, empty, left_out)
 
 
 def _separator(lines: list[str]) -> str | None:
@@ -214,8 +224,8 @@ def _counts(row: list[str]) -> bool:
 
 def _without_texts(
     header: list[str], rows: list[tuple[int, list[str]]]
-) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Return the table with seconds for dates with times, and without named columns of one text or one a row.
+) -> tuple[list[str], list[tuple[int, list[str]]], dict[int, tuple[str, str]]]:
+    """Return the table with seconds for times, and without named columns of one text or one a row; and these columns.
 
     Raises:
         MotionError: for a named column of several texts that may be motions.
@@ -226,30 +236,42 @@ def _without_texts(
         if (seconds := _seconds(cells)) is not None:
             for (_, row), second in zip(rows, seconds, strict=True):
                 row[column] = repr(second)
-    left_out = []
+    left_out: dict[int, tuple[str, str]] = {}
     for column in texts if header and len(texts) < len(header) / 2 else ():
         cells = [row[column] for _, row in rows]
         if any(map(_is_number, cells)):
             continue
         other = next((cell for cell in cells if cell != cells[0]), None)
-        if other is not None and len(set(cells)) < len(cells):
+        if other is not None and len(set(cells)) < len(cells) and not is_time(header[column]):
             raise MotionError(
                 f"column {column + 1} ({header[column]!r:.40}) holds texts, {cells[0]!r:.40} and {other!r:.40}: are "
                 "these several motions? Write a file for each, or leave the column out"
             )
-        left_out.append(column)
+        left_out[column] = (header[column], cells[0])
 
     def kept(row: list[str]) -> list[str]:
         return [cell for column, cell in enumerate(row) if column not in left_out]
 
-    return (kept(header), [(number, kept(row)) for number, row in rows]) if left_out else (header, rows)
+    return kept(header), [(number, kept(row)) for number, row in rows], left_out
 
 
 def _seconds(cells: list[str]) -> list[float] | None:
-    """Return the seconds of dates with times, or times of a day, since the first, or None for what is none."""
+    """Return the seconds of times since the first, or None for what is none.
+
+    Times are numbers with a unit, of a day, or of a clock that counts hours and minutes, or minutes alone; with a date
+    before them of any form, if that is the same in all rows.
+    """
     codes = [_TIMECODE.fullmatch(cell) for cell in cells]
     if all(codes):
         return _seconds_of_timecodes([tuple(map(int, code.groups())) for code in codes if code])
+    with_units = [_WITH_UNIT.fullmatch(cell) for cell in cells]
+    if all(with_units):
+        seconds = [float(match[1]) * _UNITS_OF_TIME[match[2].lower()] for match in with_units if match]
+        return [second - seconds[0] for second in seconds]
+    clocks = [_CLOCK.fullmatch(cell) for cell in cells]
+    if all(clocks) and len({clock[1] for clock in clocks if clock}) == 1:
+        seconds = [3600 * int(c[2] or 0) + 60 * int(c[3]) + float(c[4].replace(",", ".")) for c in clocks if c]
+        return [second - seconds[0] for second in seconds]
     for day in ("", "2000-01-01 "):
         try:
             times = [datetime.fromisoformat(f"{day}{cell}") for cell in cells]

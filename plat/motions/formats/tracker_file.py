@@ -1,6 +1,7 @@
 """Archives of trackers: joints, and poses of bodies in the world that say how to read them."""
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -109,12 +110,18 @@ def read_tracker(
     """
     robot = options.robot
     root_pos, root_quat, joint_pos, fields = _root(arrays, robot, names)
+    of_joints = "joint_pos" if joint_pos is arrays["joint_pos"] else "joint_pos[:, 7:]"
     bodies = arrays.get("body_pos_w")
     beside: list[str] = []
     if names is not None:
         columns, names, left_out = robot_columns(names, joint_pos.shape[1], robot)
         joint_pos = joint_pos[:, columns]
         beside = [f"joints left out: {', '.join(left_out[:3])}"] if left_out else []
+    else:
+        columns = list(range(joint_pos.shape[1]))
+    for field, part in zip(fields, (root_pos, root_quat), strict=True):
+        _check_finite(part, field)
+    _check_finite(joint_pos, of_joints, columns)
     stated = names
     usable = bodies is not None and bodies.ndim == 3 and len(bodies) == len(joint_pos) and bodies.shape[2] == 3
     notes: list[str] = []
@@ -174,6 +181,24 @@ def _root(
     root = _root_index(arrays, robot)
     fields = (f"body_pos_w[:, {root}]", f"body_quat_w[:, {root}]")
     return arrays["body_pos_w"][:, root], arrays["body_quat_w"][:, root], joint_pos, fields
+
+
+def _check_finite(values: np.ndarray, field: str, columns: Sequence[int] | None = None) -> None:
+    """Raise for a number that is not finite: no order of joints leads to recorded bodies with it.
+
+    Args:
+        values: of an array, or of some of its columns.
+        field: what the file calls the array.
+        columns: of the array that these are.
+
+    Raises:
+        MotionError: naming the first one.
+    """
+    if values.ndim != 2 or values.dtype.kind != "f" or (finite := np.isfinite(values)).all():
+        return  # the clip's own reading says what else is wrong
+    frame, column = np.argwhere(~finite)[0]
+    where = f"{field!r}[{frame}, {column if columns is None else columns[column]}]"
+    raise MotionError(f"{where} is {values[frame, column]}, expected a finite number")
 
 
 def _root_index(arrays: dict[str, np.ndarray], robot: Robot) -> int:
@@ -249,6 +274,8 @@ def _fit(
         told = f"the bodies fit quaternion {found} and joints {label if label == 'as named' else f'numbered {label}'}"
         return found, candidates[label], [told], True
     labels = {label for label, _ in fitting}
+    if not labels and not recorded.places[frames].isfinite().all():
+        raise MotionError("'body_pos_w' has places that are not finite, expected numbers, or 'joint_names' beside them")
     if len(labels) != 1:
         found_any = "more than one usual order of joints fits" if labels else "no usual order of joints fits"
         raise MotionError(

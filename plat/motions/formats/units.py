@@ -9,10 +9,13 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
+from plat.motions.checks.underside import Underside
 from plat.robots.robot import Robot
+from plat.words import counted
 
 __all__ = [
     "METERS",
+    "NO_UNIT",
     "Angles",
     "Converted",
     "Units",
@@ -34,8 +37,12 @@ _FARTHEST = 1000.0
 _WIDEST = 4 * np.pi
 # Degrees are believed where the joints then stay within this much of their limits (rad).
 _LIMIT_SLACK = 0.35
-# So many joints that are this far beyond their limits (rad) are in degrees; one or two have turned once around.
-_MANY, _FAR_BEYOND = 4, 0.5
+# Where so many joints are this far beyond their limits (rad) in more than this share of the frames, angles are in
+# degrees. In fewer frames they are broken, and one or two joints are so.
+_MANY, _FAR_BEYOND, _SHARE = 4, 0.5, 0.5
+# A joint has turned around where, whole turns taken off, it keeps its limits in this share of its frames beyond them,
+# and goes on by less than this from the frames before and behind (rad).
+_MOST, _STEADY = 0.9, 1.0
 # Some joint of a motion in radians goes beyond this (rad), and no motion in degrees that keeps the limits of radians.
 _STILL = 0.5
 # Root height over what the legs need, in a motion in these units. In meters it is about 1.
@@ -47,12 +54,18 @@ _UNITS = {
 }
 # Share by which a standing root is higher or lower than its legs reach, and the height of one that lies (m).
 _STANDING, _LYING = 0.3, 0.05
+NO_UNIT = "the unit of places is not to be told"
+"""Begin of the note of a motion that is refused, unless it is read otherwise, as with another order of quaternions."""
+
 METERS: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Meters a unit."""
 
 _HIGHEST = 5.0
 # Nobody's root is higher for half of a motion (m).
 _HIGH = 1.6
+# Up component of the root's own up axis, mean over the frames, below which a robot does not stand, and how far the
+# lowest part of one that lies is from the floor (m, median).
+_UPRIGHT, _RESTING = 0.5, 0.04
 # Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
 _FOLDED = 0.5
 
@@ -85,24 +98,58 @@ def unit_quaternions(quat: np.ndarray, field: str) -> Converted:
 
 
 def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
-    """Return joint angles ``[T, J]`` in radians; degrees are known by values that only degrees can have.
+    """Return joint angles ``[T, J]`` in radians.
+
+    Degrees are known by values that only degrees can have, in most frames. Whole turns are taken off, as of angles
+    that are written from 0 to 2 pi.
 
     Raises:
-        MotionError: for angles that are neither.
+        MotionError: for angles that are neither radians nor degrees.
     """
     largest = np.abs(joint_pos).max(initial=0.0)
     if not np.isfinite(largest):
         return Converted(joint_pos)  # the clip's check tells where
+    turned = _turned_back(joint_pos, robot)
     low, high = robot.joint_range.double().numpy().T
-    beyond = np.maximum(low - joint_pos, joint_pos - high).max(0, initial=0.0)
-    if largest <= _WIDEST and (beyond > _FAR_BEYOND).sum() < _MANY:
-        return Converted(joint_pos)
+    many = (np.maximum(low - turned.values, turned.values - high) > _FAR_BEYOND).sum(1) >= _MANY
+    odd = many | (np.abs(turned.values) > _WIDEST).any(1)
+    if len(odd) == 0 or odd.mean() <= _SHARE:
+        return turned  # the checks tell of single frames
     radians = np.deg2rad(joint_pos)
     if np.maximum(low - radians, radians - high).max() > _LIMIT_SLACK:
         if largest <= _WIDEST:
             return Converted(joint_pos)  # the checks tell how far beyond the limits
         raise MotionError(f"'joint angles' has values up to {largest:.4g}, expected radians")
+    # so small in degrees nothing would move, and not by whole turns of radians
+    if largest <= _WIDEST and np.abs(np.diff(joint_pos, axis=0)).max(initial=0.0) > 2 * np.pi - _STEADY:
+        raise MotionError(
+            "'joint angles' has steps of about 6.28 beyond the joints' limits, expected radians within them"
+        )
     return Converted(radians, ("joint angles in degrees",))
+
+
+def _turned_back(joint_pos: np.ndarray, robot: Robot) -> Converted:
+    """Return angles ``[T, J]`` without the whole turns that lead joints far beyond their limits, and a note on them.
+
+    A single frame that is off by something else stays as it is.
+    """
+    low, high = robot.joint_range.double().numpy().T
+    far = np.maximum(low - joint_pos, joint_pos - high) > _FAR_BEYOND
+    if not far.any():
+        return Converted(joint_pos)
+    turns = np.where(far & (np.abs(joint_pos) <= _WIDEST), np.round((joint_pos - (low + high) / 2) / (2 * np.pi)), 0.0)
+    within = joint_pos - 2 * np.pi * turns
+    kept = far & (np.maximum(low - within, within - high) <= _LIMIT_SLACK)
+    within = np.where(kept, within, joint_pos)
+    ends = kept[1:] != kept[:-1]
+    steady = ends & (np.abs(np.diff(within, axis=0)) < _STEADY)
+    right = (kept.sum(0) > _MOST * far.sum(0)) & (steady.sum(0) >= _MOST * ends.sum(0))
+    if not right.any():
+        return Converted(joint_pos)
+    names = [name for name, turned in zip(robot.joint_names, right, strict=True) if turned]
+    more = ", ..." if len(names) > 3 else ""
+    told = f"whole turns taken off {counted(len(names), 'joint')} ({', '.join(names[:3])}{more})"
+    return Converted(np.where(right, within, joint_pos), (told,))
 
 
 def must_be_radians(angles: np.ndarray, names: Sequence[str], robot: Robot) -> bool:
@@ -146,7 +193,8 @@ def place_in_meters(
         return _in_shown_unit(root_pos, quat, joint_pos, soles, field)
     heights = {unit: float(np.median(root_pos[:, 2])) * meters for unit, meters in METERS.items()}
     need = leg_height(joint_pos, soles)
-    standing = {unit for unit, height in heights.items() if abs(height / need - 1) < _STANDING}
+    upright = _is_upright(quat)
+    standing = {unit for unit, height in heights.items() if upright and abs(height / need - 1) < _STANDING}
     if written in standing or (not standing and _LYING < heights[written] < need):
         told = () if written == "m" else (f"root position in {written}, as the file says",)
         return Converted(root_pos * METERS[written], told)
@@ -164,15 +212,24 @@ def _in_shown_unit(
         return Converted(root_pos)
     need = leg_height(joint_pos, soles)
     height = median / need
+    doubt: tuple[str, ...] = ()
+    if not _is_upright(quat):  # its height over the legs' reach says nothing
+        lying = _units_of_lying(root_pos, quat, joint_pos, soles)
+        if len(lying) == 1:
+            return Converted(root_pos * _UNITS[lying[0]][2], (f"root position in {lying[0]}: so it lies on the floor",))
+        rests = " and ".join(f"in {unit}" for unit in lying) or "in no unit"
+        doubt = (
+            f"{NO_UNIT}: {field!r} has the root of a robot that lies at {median:.4g}, and it rests on the floor "
+            f"{rests}; state it: --units",
+        )
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
             # what hangs in the air in meters may still do so
             slips = [_slip(place, quat, joint_pos, soles) for place in (root_pos, root_pos * meters)]
             if unit == "feet" and slips[0] < slips[1]:
                 continue
-            return Converted(
-                root_pos * meters, (f"root position in {unit}: it is {height:.0f} times as high as in meters",)
-            )
+            told = f"root position in {unit}: it is {height:.0f} times as high as in meters"
+            return Converted(root_pos * meters, (told, *doubt))
     if largest > _FARTHEST:
         raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: --units)")
     if abs(height) > _HIGHEST:
@@ -181,6 +238,23 @@ def _in_shown_unit(
             "(or state the unit: --units)"
         )
     return Converted(root_pos)
+
+
+def _is_upright(quat: np.ndarray) -> bool:
+    """Return whether the root's own up axis points up, mean over the frames."""
+    return bool((1 - 2 * (quat[:, 1] ** 2 + quat[:, 2] ** 2)).mean() > _UPRIGHT)
+
+
+def _units_of_lying(root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles) -> list[str]:
+    """Return the units in which the lowest part of a body, whichever that is, rests on the floor."""
+    some = np.linspace(0, len(root_pos) - 1, min(len(root_pos), 50)).round().astype(int)
+    underside = Underside(soles.robot)
+    found = []
+    for unit, (_, _, meters) in _UNITS.items():
+        qpos = np.concatenate((meters * root_pos, quat, joint_pos), 1)[some]
+        if abs(float(np.median(underside.heights(qpos).min(1)))) < _RESTING:
+            found.append(unit)
+    return found
 
 
 def _slip(root_pos: np.ndarray, quat: np.ndarray, joint_pos: np.ndarray, soles: Soles) -> float:

@@ -1,11 +1,13 @@
 """Archives of joint positions of humans: Kimodo and ARDY on their human skeletons, and the SMPL family's joints."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
 from plat.motions.formats.clock import stated_rates
 from plat.motions.formats.common import strings
@@ -13,6 +15,7 @@ from plat.motions.formats.kimodo import KIMODO_FPS
 from plat.motions.formats.npz_file import ALIASES
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import ROLES
+from plat.words import counted
 
 __all__ = ["holds_human_joints", "read_joint_file"]
 
@@ -29,6 +32,8 @@ _PLACES = (
     "positions",
 )
 _NAMES = ("joint_names", "joints_names", "names")
+# of joints where they are as many, else of something else
+_OF_ANYTHING = "names"
 # arrays that make an archive one of a robot
 _ROBOT = {"qpos", "joint_pos", *(name for name, known in ALIASES.items() if known == "joint_pos")} - {*_PLACES}
 
@@ -113,8 +118,8 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         places = arrays[name].astype(np.float64)
         if not np.isfinite(places).all():
             raise MotionError(f"{name!r} holds a value that is not finite")
-        listed = next((strings(arrays[key], key) for key in _NAMES if key in arrays), None)
-        named = listed is not None and len(listed) == places.shape[1]
+        listed = _names(arrays, places.shape[1])
+        named = listed is not None
         layout = {name: (column, "-") for column, name in enumerate(listed or ())}
         layout = layout if named else _LAYOUTS[places.shape[1]]
     except MotionError as error:
@@ -132,6 +137,25 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
     parents = tuple(index.get(parent, -1) for _, parent in layout.values())
     up = "y" if name == _KIMODO else None
     return Mocap(tuple(layout), parents, positions, rotations, rate, np.zeros((len(layout), 3)), tuple(notes), up)
+
+
+def _names(arrays: Mapping[str, np.ndarray], count: int) -> list[str] | None:
+    """Return the names of so many joints, or None where the archive has none.
+
+    Raises:
+        MotionError: for another number of names, or one that comes twice.
+    """
+    key = next((key for key in _NAMES if key in arrays), None)
+    if key is None:
+        return None
+    listed = strings(arrays[key], key)
+    if len(listed) != count:
+        if key == _OF_ANYTHING:
+            return None
+        raise MotionError(f"{key!r} has {counted(len(listed), 'name')}, expected {count}")
+    if twice := [name for name, times in Counter(listed).items() if times > 1]:
+        raise MotionError(f"{key!r} has {short(twice[0])} twice, expected each joint once")
+    return listed
 
 
 def _places(shapes: Mapping[str, tuple[int, ...]]) -> str | None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions.formats.clock import counts_frames, rate_of_times, rates_of_fields, stated_rates
+from plat.motions import MotionClip
+from plat.motions.formats.clock import counts_frames, evenly_timed, rate_of_times, rates_of_fields, stated_rates
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1, ""), (1, "s"), (1e3, ""), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -93,3 +94,43 @@ def test_a_stated_unit_that_makes_no_likely_rate_gives_way():
     assert rate_of_times(np.arange(9) * 20.0, "s") == rate_of_times(np.arange(9) / 50, "ms") == 50
     with pytest.raises(MotionError, match="a likely rate in no unit"):
         rate_of_times(np.arange(9.0), "s")  # more likely a count
+
+
+QPOS = np.linspace(np.zeros(36), np.ones(36), 50)
+QPOS[:, 3:7] = [1.0, 0, 0, 0]
+CLIP = MotionClip("a", QPOS, 50.0)
+
+
+def test_jitter_leaves_a_clip_as_it_is():
+    times = np.arange(50) / 50 + np.random.default_rng(0).uniform(-4e-3, 4e-3, 50)
+    assert evenly_timed(CLIP, times) is CLIP
+    assert evenly_timed(CLIP, np.arange(50)) is CLIP
+    bursts = np.arange(50) / 50 + np.tile([0, 0.015], 25)
+    found = evenly_timed(CLIP, bursts)
+    assert (found.qpos is CLIP.qpos, found.notes) == (True, ("frames 0.00492 to 0.0345 s apart, read as even",))
+
+
+def test_frames_of_another_pace_are_made_even():
+    times = np.concatenate((np.arange(25) * 0.02, 0.48 + np.arange(1, 26) * 0.035))
+    found = evenly_timed(MotionClip("a", QPOS, 49 / times[-1]), times)
+    np.testing.assert_allclose(found.qpos[:, 0], np.interp(np.linspace(0, times[-1], 50), times, QPOS[:, 0]))
+    assert found.notes == ("frames 0.02 to 0.035 s apart, resampled to even ones",)
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (0, "'dt' is 0, expected a positive time"),
+        (-0.02, "'dt' is -0.02, expected a positive time"),
+        (20, "'dt' is 20 s a frame, expected 0.001 to 1 .50 frames a second if it is in milliseconds.$"),
+        (16667, "'dt' is 16667 s a frame, expected 0.001 to 1 .60 frames a second if it is in microseconds.$"),
+        (1e-4, "'dt' is 0.0001 s a frame, expected 0.001 to 1$"),
+    ],
+)
+def test_a_time_that_no_frame_takes(step, message):
+    with pytest.raises(MotionError, match=message):
+        rates_of_fields({"qpos": np.zeros((9, 36)), "dt": step})
+
+
+def test_a_time_step_of_physics_is_compared_with_a_stated_rate():
+    assert rates_of_fields({"fps": 50, "dt": 2e-4}) == [(50.0, "'fps'"), (5000.0, "'dt'")]

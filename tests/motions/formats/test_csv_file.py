@@ -571,3 +571,41 @@ def test_arms_alone_exchanged_are_refused(tmp_path):
     # for a moment anyone may stand so
     write_csv(tmp_path / "bow_50fps.csv", MotionClip("bow", swapped[:10], 50.0))
     np.testing.assert_allclose(load_motions(tmp_path, quat_order="wxyz")[0].qpos, swapped[:10], atol=1e-5)
+
+
+def test_texts_beside_a_motion(tmp_path):
+    """Times that were not understood were left out without a word, and 30 frames a second were assumed."""
+
+    def write(name: str, column: str) -> None:
+        rows = [
+            ",".join((f"{column} {n}", *(f"{value:.7g}" for value in row))) for n, row in enumerate(bowing_clip().qpos)
+        ]
+        (tmp_path / name).write_text("\n".join([",".join((column, *NAMES)), *rows]))
+
+    write("a.csv", "time")
+    told = r"a.csv': column 1 .'time'. holds 'time 0', expected a number or a time .or state --fps.$"
+    with pytest.raises(MotionError, match=told):
+        load_motions(tmp_path / "a.csv")
+    assert load_motions(tmp_path / "a.csv", fps=50)[0].fps == 50
+    write("a_50fps.csv", "time")
+    assert "1 column of texts left out ('time')" in read_back(tmp_path / "a_50fps.csv")[0].facts
+    write("b_50fps.csv", "image")
+    assert "1 column of texts left out ('image')" in read_back(tmp_path / "b_50fps.csv")[0].facts
+
+
+@pytest.mark.parametrize("unit", [1, 1000])
+def test_uneven_times_are_made_even(tmp_path, unit):
+    clip = bowing_clip(41)
+    even = np.linspace(0, 0.8, 41)
+    times = np.sort(np.concatenate((np.linspace(0, 0.4, 26), np.linspace(0.4, 0.8, 16)[1:])))  # 16 and 27 ms apart
+    at = np.clip(np.searchsorted(even, times, side="right") - 1, 0, 39)
+    part = ((times - even[at]) / 0.02)[:, None]
+    qpos = (1 - part) * clip.qpos[at] + part * clip.qpos[at + 1]
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    write_table(tmp_path / "a.csv", np.hstack((unit * times[:, None], qpos)), ["time", *NAMES])
+    file, found = read_back(tmp_path / "a.csv")
+    assert found.fps == 50
+    assert "frames 0.016 to 0.0267 s apart, resampled to even ones" in file.facts
+    np.testing.assert_allclose(found.qpos, clip.qpos, atol=0.01)
+    assert np.abs(qpos - clip.qpos).max() > 0.05
+    assert read_back(tmp_path / "a.csv", fps=50)[0].clips[0].notes == ()  # as who states it wants

@@ -553,3 +553,24 @@ def test_complex_numbers_are_named(tmp_path, field):
     np.savez(tmp_path / "a.npz", fps=50, **{field: np.zeros((4, 36), complex)})
     with pytest.raises(MotionError, match=f"array '{field}': it holds complex numbers, expected real ones"):
         load_motions(tmp_path / "a.npz")
+
+
+def test_uneven_times_of_an_archive_are_made_even(tmp_path):
+    times = np.concatenate((np.arange(20) * 0.02, 0.38 + np.arange(1, 21) * 0.035))
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, time=times)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    assert "frames 0.02 to 0.035 s apart, resampled to even ones" in file.facts
+    (found,) = file.clips
+    np.testing.assert_allclose(found.qpos[-1], bowing_clip().qpos[-1], atol=1e-6)
+    assert found.duration == pytest.approx(times[-1])
+    assert load_motions(tmp_path / "a.npz", fps=50)[0].notes == ()
+
+
+def test_who_lies_in_a_unit_that_is_not_to_be_told_is_refused(tmp_path):
+    qpos = np.tile(G1.default_qpos, (30, 1))
+    qpos[:, :7] = [0, 0, 30, np.sqrt(0.5), 0, -np.sqrt(0.5), 0]
+    np.savez(tmp_path / "a.npz", clip=qpos, fps=50)
+    with pytest.raises(MotionError, match="a.npz': the unit of places is not to be told: .* state it: --units"):
+        load_motions(tmp_path / "a.npz")
+    (found,) = load_motions(tmp_path / "a.npz", units="cm")
+    np.testing.assert_allclose(found.qpos[:, 2], 0.3)

@@ -297,3 +297,26 @@ def test_rows_of_qpos_may_be_lists(tmp_path, whole):
     (tmp_path / "bow.pkl").write_bytes(pickle.dumps({"fps": 50, "qpos": rows} if whole else rows))
     (clip,) = load_motions(tmp_path / "bow.pkl", fps=None if whole else 50)
     np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
+
+
+def test_a_motion_of_one_frame_is_left_out(tmp_path):
+    whole = gmr_fields(bowing_clip())
+    short = gmr_fields(replace(bowing_clip(), qpos=bowing_clip().qpos[:1]))
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"walk": whole, "b": short}))
+    (file,) = read_motion_files(tmp_path / "a.pkl")
+    assert [clip.name for clip in file.clips] == ["walk"]
+    assert "left out, with less than 2 frames: b" in file.facts
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"b": short}))
+    with pytest.raises(MotionError, match="a.pkl': motion 'b': 1 frame, expected at least 2$"):
+        load_motions(tmp_path / "a.pkl")
+
+
+def test_uneven_times_of_a_pickle_are_made_even(tmp_path):
+    fields = {
+        **gmr_fields(bowing_clip()),
+        "time": np.concatenate((np.arange(20) * 0.02, 0.38 + np.arange(1, 21) * 0.035)),
+    }
+    del fields["fps"]
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(fields))
+    (file,) = read_motion_files(tmp_path / "a.pkl")
+    assert "frames 0.02 to 0.035 s apart, resampled to even ones" in file.facts

@@ -45,6 +45,12 @@ from plat.motions.formats.rate import rates_in_name, without_rates
         ("walk29.97fps", [29.97]),
         ("walk_119.88fps", [119.88]),
         ("walk_7.5fps", [7.5]),
+        ("walk_5fps", [5]),
+        ("wave_2hz", []),
+        ("wave_0.5hz", []),
+        ("arm_sine_1hz_50fps", [50]),
+        ("hz_3_wave", []),
+        ("walk_10hz", [10]),
     ],
 )
 def test_rates_that_a_name_states(name, rates):
@@ -63,3 +69,4 @@ def test_the_rest_of_the_name():
     assert without_rates("walk.60fps") == "walk"
     assert without_rates("take3.60fps") == "take3"
     assert without_rates("walk_50hz_lowpass_6hz") == "walk_lowpass_6hz"
+    assert without_rates("arm_2hz_50fps") == "arm_2hz"

@@ -52,11 +52,13 @@ def test_a_bow_with_another_quaternion_is_refused_with_what_it_is(told, change, 
 
 def test_the_conjugate_of_a_walk_is_refused_from_a_file_and_read_where_the_order_is_stated(tmp_path, walk):
     wrong = with_quat(walk, walk.qpos[:, 3:7] * CONJUGATE)
-    save_motions(tmp_path / "walk.npz", [wrong])
+    np.savez(tmp_path / "walk.npz", walk=wrong.qpos, fps=wrong.fps)
     with pytest.raises(MotionError, match="from world to root"):
         load_motions(tmp_path / "walk.npz")
     (read,) = load_motions(tmp_path / "walk.npz", quat_order="wxyz")
     np.testing.assert_allclose(read.qpos, wrong.qpos, atol=1e-5)
+    save_motions(tmp_path / "own.npz", [wrong])  # what plat wrote is as it says
+    np.testing.assert_array_equal(load_motions(tmp_path / "own.npz")[0].qpos, read.qpos)
 
 
 def test_one_odd_clip_does_not_refuse_a_file(walk):

@@ -140,3 +140,32 @@ def test_timecodes_have_the_rate_of_their_frames(tmp_path, mark):
 def test_a_column_with_another_text_in_each_row_is_left_out(tmp_path):
     (tmp_path / "a.csv").write_text("image,b,c,d\n0.png,1,2,3\n1.png,1,2,3\n2.png,1,2,3\n")
     assert read_table(tmp_path / "a.csv").header == ["b", "c", "d"]
+
+
+@pytest.mark.parametrize(
+    "spell",
+    [
+        lambda time: f"{time:.2f}s",
+        lambda time: f"{time:.2f} sec",
+        lambda time: f"{1e3 * time:.0f} ms",
+        lambda time: f"{1e6 * time:.0f}us",
+        lambda time: f"0:00:{time:06.3f}",
+        lambda time: f"00:{time:06.3f}",
+        lambda time: f"03/14/2026 10:00:{time:06.3f}",
+        lambda time: f"14.03.2026 9:59:{time:06.3f}",
+        lambda time: f"2026-03-14T10:00:{time:06.3f}Z",
+    ],
+)
+def test_times_that_are_texts_become_seconds(tmp_path, spell):
+    times = 58 + 0.02 * np.arange(60)
+    texts = [spell(time) for time in times[times < 60]]
+    (tmp_path / "a.csv").write_text("time,b,c,d\n" + "\n".join(f"{text},1,2,3" for text in texts))
+    np.testing.assert_allclose(read_table(tmp_path / "a.csv").values[:, 0], 0.02 * np.arange(len(texts)), atol=1e-6)
+
+
+@pytest.mark.parametrize("repeated", [1, 2])
+def test_texts_that_are_left_out_are_remembered(tmp_path, repeated):
+    texts = [f"10:00 and {n // repeated} frames" for n in range(6)]
+    (tmp_path / "a.csv").write_text("b,time,c,d\n" + "\n".join(f"1,{text},2,3" for text in texts))
+    table = read_table(tmp_path / "a.csv")
+    assert (table.header, table.texts) == (["b", "c", "d"], {1: ("time", "10:00 and 0 frames")})

@@ -88,3 +88,36 @@ def test_bodies_tell_the_order_of_joints_in_degrees(tmp_path, named):
     np.testing.assert_allclose(qpos_of(file), bowing_clip(heading=0.7).qpos, atol=1e-5)
     assert "joint angles in degrees" in file.facts
     assert "from 'body_pos_w'" not in file.facts
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(
+    ("field", "at", "told"),
+    [
+        ("joint_pos", (20, 3), r"'joint_pos'\[20, 3\] is nan"),
+        ("body_pos_w", (20, 0, 2), r"'body_pos_w\[:, 0\]'\[20, 2\] is nan"),
+        ("body_quat_w", (20, 0, 1), r"'body_quat_w\[:, 0\]'\[20, 1\] is nan"),
+    ],
+)
+def test_what_is_no_number_is_named(tmp_path, named, field, at, told):
+    """It was said that no order of joints fits."""
+    broken = arrays()
+    broken[field] = np.array(broken[field])
+    broken[field][at] = np.nan
+    if not named:
+        broken["joint_pos"] = broken["joint_pos"][:, ::-1]
+        del broken["joint_names"]
+    column = at[-1] if named or field != "joint_pos" else 28 - at[-1]
+    with pytest.raises(MotionError, match=f"a.npz': {told.replace('3', str(column), 1) if 'joint' in field else told}"):
+        read(tmp_path / "a.npz", broken)
+
+
+def test_places_of_bodies_that_are_no_numbers_are_said_where_they_are_needed(tmp_path):
+    broken = arrays()
+    broken["joint_pos"] = broken["joint_pos"][:, ::-1]
+    broken["body_pos_w"][:, 5] = np.nan
+    del broken["joint_names"]
+    with pytest.raises(
+        MotionError, match="'body_pos_w' has places that are not finite, expected numbers, or 'joint_na"
+    ):
+        read(tmp_path / "a.npz", broken)

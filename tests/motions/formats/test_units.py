@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,68 @@ def test_small_angles_in_degrees_are_known_by_many_joints_beyond_their_limits():
     small = 0.2 * (JOINTS - JOINTS.mean(0)) + 0.08
     assert np.rad2deg(small).max() < 4 * np.pi
     assert angles_in_radians(np.rad2deg(small), G1).notes == ("joint angles in degrees",)
-    turned_around = JOINTS.copy()
-    turned_around[:, 3] += 2 * np.pi
-    assert angles_in_radians(turned_around, G1).notes == ()
+    jumping = np.rad2deg(small)
+    jumping[::2] += 5.5  # in degrees this would hardly be seen
+    with pytest.raises(MotionError, match="'joint angles' has steps of about 6.28 beyond the joints' limits, expected"):
+        angles_in_radians(jumping, G1)
+
+
+WRISTS = [index for index, name in enumerate(G1.joint_names) if "wrist" in name]
+
+
+@pytest.mark.parametrize("joints", [[0], WRISTS, [*range(29)]])
+@pytest.mark.parametrize("broken", [False, True])
+def test_whole_turns_are_taken_off(joints, broken):
+    """Angles from 0 to 2 pi were taken for degrees, and shrunk; also where a frame is broken."""
+    swinging = JOINTS + 0.1 * np.sin(np.arange(40))[:, None]  # some through 0
+    low, high = G1.joint_range.double().numpy().T
+    swinging = swinging.clip(low, high)
+    wrapped = swinging.copy()
+    wrapped[:, joints] = np.mod(wrapped[:, joints], 2 * np.pi)
+    if broken:
+        wrapped[20, 15:20] = swinging[20, 15:20] + 3.5
+    found = angles_in_radians(wrapped, G1)
+    rest = np.arange(40) != 20
+    right = np.isclose(found.values[rest], swinging[rest], atol=1e-9)
+    # a joint that is beyond its limits for moments alone, and broken in one of them, is left to the checks
+    assert right.mean() > (0.99 if broken else 0.9999)
+    assert broken or found.notes[0].startswith("whole turns taken off ")
+    assert np.abs(found.values[20]).max() > 2 if broken else np.allclose(found.values[20], swinging[20])
+
+
+@pytest.mark.parametrize("offset", [3.5, np.pi, -5.0, 100.0])
+@pytest.mark.parametrize("joints", [slice(15, 20), slice(0, 29)])
+def test_a_broken_frame_makes_no_degrees(offset, joints):
+    broken = JOINTS.copy()
+    broken[7, joints] += offset
+    found = angles_in_radians(broken, G1)
+    assert found.notes == ()
+    np.testing.assert_array_equal(found.values, broken)
+
+
+def lying(height: float = 0.12) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Who creeps on the back."""
+    place = np.linspace([0.0, 0, height], [1.0, 0, height], 30)
+    quat = np.tile([np.sqrt(0.5), 0, -np.sqrt(0.5), 0], (30, 1))
+    return place, quat, np.tile(0.3 * G1.default_joint_pos.double().numpy(), (30, 1))
+
+
+@pytest.mark.parametrize("header", [None, "mm", "cm", "in"])
+def test_the_unit_of_who_lies_is_that_in_which_the_floor_is_below(header):
+    """Over the legs' reach, 90 mm are as high as 90 cm."""
+    place, quat, joints = lying(0.09)
+    factors = {"mm": (1000, "millimeters"), "cm": (100, "centimeters"), "in": (1 / 0.0254, "inches")}
+    for unit, (factor, name) in factors.items():
+        if header not in (None, unit):
+            continue
+        found = place_in_meters(factor * place, quat, joints, SOLES, "pos", written=header)
+        np.testing.assert_allclose(found.values, place)
+        assert found.notes == (f"root position in {unit}, as the file says",) or name in found.notes[0]
+
+
+def test_who_lies_on_the_floor_in_no_unit_is_doubtful():
+    place, quat, joints = lying(0.3)
+    told = "the unit of places is not to be told: 'pos' has the root of a robot that lies at 30, and .* in no unit"
+    assert any(re.match(told, note) for note in place_in_meters(100 * place, quat, joints, SOLES, "pos").notes)
+    assert place_in_meters(100 * place, quat, joints, SOLES, "pos", "cm").notes == ()
+    assert place_in_meters(place, quat, joints, SOLES, "pos").notes == ()

@@ -93,3 +93,19 @@ def test_human_joints_beside_a_motion_of_the_robot_are_not_retargeted(tmp_path, 
     assert holds_human_joints(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", **{name: np.zeros((4, 29))}, posed_joints=np.zeros((4, 22, 3)), fps=30)
     assert not holds_human_joints(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["a", *"bcdefghijklmnopqrstu", "a"], "'joint_names' has 'a' twice, expected each joint once"),
+        ([*"abcdefghijklmnopqrstu"], "'joint_names' has 21 names, expected 22"),
+    ],
+)
+def test_names_that_are_none_of_these_joints_are_refused(tmp_path, names, message):
+    """The last of two columns was taken, and a list of another length ignored."""
+    np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3)), joint_names=names, fps=30)
+    with pytest.raises(MotionError, match=f"a.npz': {message}"):
+        read_joint_file(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3)), names=["a walk"], fps=30)  # of something else
+    assert "joints by their number, 22" in read_joint_file(tmp_path / "a.npz").notes
