@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -142,8 +143,7 @@ class Keyframe:
                 robot, or a name that is no text.
         """
         check_robot(robot)
-        if not is_finite(self.time):
-            raise KeyframeError(f"time is {short(self.time)}, expected a finite number of seconds")
+        check_time(self.time, longest=math.inf)
         root_pos = _vector("root_pos", self.root_pos, 3, "x, y, z")
         _check_place(root_pos)
         root_quat = _vector("root_quat", self.root_quat, 4, "w, x, y, z")
@@ -180,19 +180,20 @@ def check_keyframe(what: str, given: object) -> None:
         raise KeyframeError(f"{what} is {short(given)}, expected a Keyframe")
 
 
-def check_time(time: float, what: str = "time") -> None:
+def check_time(time: float, what: str = "time", longest: float = _LONGEST) -> None:
     """Raise an error for what is no time of a keyframe (s).
 
     Args:
         time: to be checked.
         what: begins the message.
+        longest: time (s); a day, unless it is that of a robot's clock.
 
     Raises:
-        KeyframeError: when it is not finite, or later than a day.
+        KeyframeError: when it is not finite, or later.
     """
     if not is_finite(time):
         raise KeyframeError(f"{what} is {short(time)}, expected a finite number of seconds")
-    if abs(time) > _LONGEST:
+    if abs(time) > longest:
         raise KeyframeError(f"{what} is {time:g} s, expected at most a day ({_LONGEST:g} s): in milliseconds?")
 
 

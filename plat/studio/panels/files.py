@@ -29,8 +29,8 @@ class FilePanel:
     def __init__(self, page: Page, path: str, folder: Folder, autosave: Autosave):
         self._page, self._folder, session, gui = page, folder, page.session, page.gui
         self._autosave = autosave
-        # the file that was written or read last, of which keyframes, and as what it was left
-        self._own: tuple[Path, object, object] | None = None
+        self._own: tuple[Path, object] | None = None  # the file that was written or read last, and of which keyframes
+        self._left: object = None  # as what it was left
         if session.opened is not None and session.opened == self._in_folder(path):
             self._owns(session.opened)
         self._path = gui.add_text("File", path, hint=f"In {folder.root}, on the machine that the studio runs on.")
@@ -79,7 +79,11 @@ class FilePanel:
 
     def _owns(self, path: Path) -> None:
         """Keep in mind that a file holds the keyframes as they are now."""
-        self._own = path, self._page.session.timeline.origin, mark_of(path)
+        self._own, self._left = (path, self._page.session.timeline.origin), mark_of(path)
+
+    def _is_own(self, path: Path | None) -> bool:
+        """Return whether a file is the one that was written or read last, of the keyframes that there are."""
+        return self._own == (path, self._page.session.timeline.origin)
 
     def save(self) -> None:
         """Save to the file in the box.
@@ -94,11 +98,11 @@ class FilePanel:
             self._autosave.discard()
             self._page.notify("Saved", str(path), "good")
 
-        if self._own == (path, self._page.session.timeline.origin, mark_of(path)):
+        own = self._is_own(path)
+        if own and self._left == mark_of(path):
             save()
         else:
-            changed = self._own is not None and self._own[:2] == (path, self._page.session.timeline.origin)
-            self._once_agreed(path, save, "was changed by something else since" if changed else "is there already")
+            self._once_agreed(path, save, "was changed by something else since" if own else "is there already")
 
     def _load(self) -> None:
         path = self._folder.file(self._path.value, ".json")
@@ -120,7 +124,7 @@ class FilePanel:
     def show(self) -> None:
         """Update the line about the file: the one in the box holds the keyframes, or they are not saved."""
         session = self._page.session
-        elsewhere = self._own is None or self._own[:2] != (self._in_folder(self._path.value), session.timeline.origin)
+        elsewhere = not self._is_own(self._in_folder(self._path.value))
         state = {
             "name": Path(self._path.value).name,
             "unsaved": session.unsaved or (bool(session.timeline.keyframes) and elsewhere),

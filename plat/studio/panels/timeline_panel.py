@@ -48,9 +48,7 @@ class TimelinePanel:
             "seek": lambda message: session.seek(_number(message, "time")),
             "retime": self._retime,
             "nudge": self._nudge,
-            "hold": lambda message: edit(
-                self._meant(message).held(_number(message, "value")), ("hold", self._meant(message).selected)
-            ),
+            "hold": self._hold,
             "interval": lambda message: edit(self._meant(message).stretched(_number(message, "value"))),
             "rename": lambda message: edit(self._meant(message).renamed(str(message.get("value", ""))[:60])),
             "drag": lambda _: session.begin_drag(),
@@ -84,6 +82,10 @@ class TimelinePanel:
             self._page.session.add_at(_number(message, "time"))
         else:
             self._page.session.add()
+
+    def _hold(self, message: Message) -> None:
+        timeline = self._meant(message)
+        self._page.session.edit(timeline.held(_number(message, "value")), ("hold", timeline.selected))
 
     def _retime(self, message: Message) -> None:
         session, number = self._page.session, int(_number(message, "number"))
