@@ -459,11 +459,11 @@ def calls(folder: Path) -> Iterator[Misuse]:
         queued_at_nan=lambda: KeyframeQueue(G1).put(pose.at(0.5), float("nan")),
     )
     yield from listed(
-        "disturbance",
+        "push",
         a_negative_push=lambda: Disturbance(push=-1.0),
-        noise_that_is_nan=lambda: Disturbance(noise=float("nan")),
         a_push_of_words=lambda: Disturbance("push"),
     )
+    yield from listed("noise", noise_that_is_nan=lambda: Disturbance(noise=float("nan")))
     yield from listed(
         "dt",
         model_at_dt_0=lambda: DynamicsModel(G1, dt=0.0),

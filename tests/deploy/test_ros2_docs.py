@@ -123,7 +123,7 @@ def test_the_node_ramps_and_brakes(program, bundle, tmp_path):
         for motor, angle in zip(state.motor_state, G1.default_joint_pos.tolist(), strict=False):
             motor.q = angle + 1e-4 * random.standard_normal()
         state.imu_state.gyroscope = (0.01 * random.standard_normal(3)).tolist()
-        state.imu_state.accelerometer = [0.0, 0.0, 9.81]
+        state.imu_state.accelerometer = [0.0, 0.0, 9.81 + 0.01 * random.standard_normal()]
         node.on_state(state)
 
     for _ in range(5):  # the robot is not there yet

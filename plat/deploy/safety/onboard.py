@@ -72,7 +72,7 @@ class OnboardController:
     >>> controller = OnboardController(Stand(), KeyframeSequence(G1, pose, (pose.at(1.0),)), anchor=pose)
     >>> noise, command = np.random.default_rng(0), None
     >>> for tick in range(300):  # at 200 Hz
-    ...     gyro, force = 0.01 * noise.standard_normal(3), np.array([0.0, 0.0, 9.81])
+    ...     gyro, force = 0.01 * noise.standard_normal(3), np.array([0.0, 0.0, 9.81 + 0.01 * noise.standard_normal()])
     ...     reading = OnboardReading(robot.default_joint_pos, np.zeros(29), gyro, force)
     ...     command = controller.step(0.005 * tick, reading) or command
     >>> controller.mode, command.position.shape
