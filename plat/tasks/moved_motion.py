@@ -30,11 +30,13 @@ def on_motion(state: GeneralizedState, memory: TensorDictBase) -> GeneralizedSta
     )
 
 
-@torch.no_grad()
 def moved_motion(
     state: GeneralizedState, memory: TensorDictBase, reference: GeneralizedState, parts: Tensor, ended: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Return ``anchor_pos`` and ``anchor_quat`` that take motions to robots that were free to go elsewhere.
+
+    Both have the gradient of the robot's place: who stands further ahead has a motion that begins further ahead, and
+    is no nearer to its end.
 
     Args:
         state: robots ``[N]``.
@@ -46,7 +48,9 @@ def moved_motion(
     # neither bodies nor the root's place
     open_pos = ended & ~(parts[:, state.joint_pos.shape[-1] : -2] > 0).any(-1)
     open_yaw = open_pos & ~(parts[:, -1] > 0)
-    turned = quat_multiply(quat_yaw(state.root_quat_w), quat_conjugate(quat_yaw(reference.root_quat_w)))
+    # the heading of who lies exactly on its back has no gradient, which would make those of all others NaN
+    facing = quat_yaw(torch.where(open_yaw[:, None], state.root_quat_w, reference.root_quat_w))
+    turned = quat_multiply(facing, quat_conjugate(quat_yaw(reference.root_quat_w)))
     quat = torch.where(open_yaw[:, None], turned, memory["anchor_quat"])
     here = torch.where(open_pos[:, None], reference.root_pos_w, on_motion(state, memory).root_pos_w)
     pos = (state.root_pos_w - quat_rotate(quat, here)) * constant(HORIZONTAL, quat)
