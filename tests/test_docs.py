@@ -77,13 +77,34 @@ def test_names_in_the_package_exist(page):
     assert not missing
 
 
+def headings(text: str) -> set[str]:
+    """Anchors of the headings of a page, as GitHub makes them of their words."""
+    words = [re.sub(r"\[(.*?)\]\(.*?\)", r"\1", heading) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)]
+    return {re.sub(r"[^\w\- ]", "", word.strip().lower()).replace(" ", "-") for word in words}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_headings_that_are_linked_exist(page):
+    linked = re.findall(r"\]\(((?!http)[^)#\s]*)#([^)\s]+)\)", prose(page))
+    there = {target: headings(prose(page.parent / target if target else page)) for target, _ in linked}
+    assert not {(target, name) for target, name in linked if name not in there[target]}
+
+
 def test_what_is_missing_is_found():
     text = "`plat/nothing.py`, [page](nowhere.md), `plat.motions.Nothing`, [paper](https://arxiv.org/abs/2609.25754)"
     assert files_named(text) == {"plat/nothing.py"}
     assert links(text) == {"nowhere.md"}
+    assert headings("# [Both](x.md) sides, `now`\n## Two") == {"both-sides-now", "two"}
     (name,) = dotted_names(text)
     with pytest.raises(AttributeError):
         resolve(name)
+
+
+def test_all_pages_are_in_the_index_and_on_the_site():
+    pages = {str(page.relative_to(ROOT / "docs")) for page in ROOT.glob("docs/**/*.md")}
+    assert links((ROOT / "docs" / "index.md").read_text()) >= pages - {"index.md"}
+    site = tomllib.loads((ROOT / "zensical.toml").read_text())["project"]["nav"]
+    assert set(re.findall(r"'([\w/]+\.md)'", str(site))) == pages
 
 
 def test_the_readme_is_short():

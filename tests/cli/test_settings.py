@@ -1,4 +1,5 @@
 import io
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -12,15 +13,15 @@ from plat.recipes.expert import ExpertRecipe
 from plat.recipes.refine import RefineRecipe
 
 ROOT = Path(__file__).parents[2]
-DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 REQUIRED = ["--motions", "x.npz", "--out", "x"]
 
 
 def commands(text: str) -> list[list[str]]:
     """Return the calls of plat in the shell blocks of a page, their variables filled in."""
     found, variables = [], {}
-    for block in text.split("```sh\n")[1:]:
-        for line in block.split("```")[0].replace("\\\n", " ").splitlines():
+    for block in re.findall(r"^```(?:sh|bash)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        for line in block.replace("\\\n", " ").splitlines():
             for name in sorted(variables, key=len, reverse=True):
                 line = line.replace("$" + name, variables[name])
             words = shlex.split(line, comments=True)

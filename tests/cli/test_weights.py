@@ -1,6 +1,8 @@
-"""The commands in plat/weights/README.md mean what the config.json of the weights records."""
+"""The model card has the scores of evaluation.csv, and commands that mean what config.json of the weights records."""
 
+import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +13,12 @@ from pydantic import TypeAdapter
 
 from plat.cli import COMMANDS
 from plat.cli.settings import parse
+from plat.runs.locate import shipped_runs
 from tests.cli.test_settings import commands
 
 WEIGHTS = Path(__file__).parents[2] / "plat" / "weights"
+PAGES = [WEIGHTS / "README.md", WEIGHTS.parents[1] / "docs" / "notes" / "weights.md"]
+HORIZONS = ("mixed", "long", "single", "distant")
 RUNS = {
     "expert": "expert",
     "dagger": "dagger",
@@ -53,19 +58,53 @@ def leaves(values: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def written() -> dict[str, list[str]]:
-    """Return the command that wrote each run; the first one of a name, for later pages go on from the weights."""
+def written(page: Path) -> dict[str, list[str]]:
+    """Return the command that wrote each run; the first one of a name, for later ones go on from the weights."""
     found: dict[str, list[str]] = {}
-    for words in commands((WEIGHTS / "README.md").read_text(encoding="utf-8")):
+    for words in commands(page.read_text(encoding="utf-8")):
         if "--out" in words:
             found.setdefault(Path(words[words.index("--out") + 1]).name, words)
     return found
 
 
+def scores_on(page: str) -> dict[tuple[str, str], str]:
+    """Return what the table of the Bandai-Namco clips tells, by weights and horizon."""
+    head = "| | " + " | ".join(horizon.capitalize() for horizon in HORIZONS) + " |\n"
+    rows = page.split(head)[1].split("\n\n")[0].splitlines()[1:]
+    cells = [[cell.strip(" `") for cell in row.strip("|").split("|")] for row in rows]
+    return {(name, horizon): cell for name, *told in cells for horizon, cell in zip(HORIZONS, told, strict=True)}
+
+
+def test_scores_on_the_card_are_those_of_the_table():
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    with (WEIGHTS / "evaluation.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            unit = 1000 if row["metric"] == "mpkpe" else 1
+            value, low, high = (unit * float(row[name]) for name in ("value", "low", "high"))
+            digits = {"tks": 1, "mpjpe": 3, "mpkpe": 0}.get(row["metric"], 0)
+            told = f"{value:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
+            found.setdefault((row["policy"], row["horizon"]), {})[row["metric"]] = told
+    told = scores_on(PAGES[0].read_text(encoding="utf-8"))
+    names = {name for name, _ in found}
+    assert {name for name, _ in told} == names
+    for key in ((name, horizon) for name in names for horizon in HORIZONS):
+        metrics = found.get(key, {})
+        assert told[key] == (" / ".join(metrics[name] for name in ("tks", "mpjpe", "mpkpe") if metrics) or "-")
+
+
+@pytest.mark.parametrize("page", [PAGES[0], PAGES[1].parents[1] / "evaluation.md"], ids=lambda page: page.stem)
+def test_all_weights_stand_in_the_tables_of_uses(page):
+    uses = page.read_text(encoding="utf-8").split("| use | for | license |")[1].split("\n\n")[0]
+    assert set(re.findall(r"`([\w-]+-g1)`", uses)) == set(shipped_runs())
+    free = [line for line in uses.splitlines() if "| Apache-2.0 |" in line]
+    assert re.findall(r"`([\w-]+-g1)`", "".join(free)) == ["imagined-free-g1", "plat-generated-g1"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 @pytest.mark.parametrize(("run", "folder"), RUNS.items())
-def test_the_commands_are_those_that_made_the_weights(run, folder):
+def test_the_commands_are_those_that_made_the_weights(run, folder, page):
     recorded = json.loads((WEIGHTS / folder / "config.json").read_text(encoding="utf-8"))["recipe"]
-    name, *rest = written()[run]
+    name, *rest = written(page)[run]
     assert name == recorded["name"]
     kind = COMMANDS[name].kind()
     recipe = parse(kind, rest)

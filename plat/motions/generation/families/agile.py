@@ -55,7 +55,7 @@ def cut(script: MotionScript, rng: np.random.Generator) -> None:
 
 
 def halt(script: MotionScript, rng: np.random.Generator) -> None:
-    """Write a sudden stop within one to three steps from 0.7 to 2 m/s."""
+    """Write a sudden stop from 0.7 to 2 m/s, within 1.5 to 3 steps: faster ones take longer."""
     speed = rng.uniform(0.7, 2.0)
     pace = _running(rng, speed)
     period = pace.step_time
@@ -66,7 +66,7 @@ def halt(script: MotionScript, rng: np.random.Generator) -> None:
 
 
 def shuffle(script: MotionScript, rng: np.random.Generator) -> None:
-    """Write quick side steps to one side and back, or only there, at 0.2 to 0.6 m/s."""
+    """Write quick side steps to one side and back, or only there, at 0.15 to 0.45 m/s."""
     speed, period = rng.choice((-1, 1)) * rng.uniform(0.15, 0.45), rng.uniform(0.28, 0.4)
     flight = rng.choice((0.0, rng.uniform(0.04, 0.08)))
     strides = Strides(
@@ -89,7 +89,7 @@ def shuffle(script: MotionScript, rng: np.random.Generator) -> None:
 
 
 def stumble(script: MotionScript, rng: np.random.Generator) -> None:
-    """Write a stumble that is caught: the body falls some way, and three to five quick steps get under it."""
+    """Write a stumble that is caught: the body falls some way, and four to six quick steps get under it."""
     speed, period = rng.uniform(0.4, 1.0), rng.uniform(0.26, 0.36)
     way = rng.choice((0.0, 0.0, np.pi, 0.5 * np.pi, -0.5 * np.pi)) + rng.uniform(-0.4, 0.4)
     reach = np.array([1.0, 0.6])  # aside feet cannot go as far
