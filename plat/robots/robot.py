@@ -1,5 +1,6 @@
 """Robot description: model file, default pose, keypoints, feet and motors of a humanoid."""
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -94,6 +95,8 @@ class Robot:
                 check_value(f"robot {self.name!r}: default_pose: {joint!r}", angle, float)
         except ConfigError as error:
             raise RobotError(str(error)) from None
+        if "\0" in self.asset:
+            raise RobotError(f"robot {self.name!r}: asset {short(self.asset)} holds a null byte, expected a path")
 
     def check(self) -> "Robot":
         """Check every field against the model, and return the robot.
@@ -191,7 +194,7 @@ class Robot:
     def with_asset_in(self, folder: Path) -> "Robot":
         """Return the robot with a relative asset resolved in a folder, and plat's own where that has none."""
         beside = folder / self.asset
-        if beside.is_file():
+        if os.path.isfile(beside):  # Path's own raises for a name that is too long
             return replace(self, asset=str(beside.resolve()))
         path = self.asset_path
         return self if path.is_absolute() else replace(self, asset=str((folder / path).resolve()))

@@ -102,6 +102,8 @@ def test_an_asset_is_relative_to_its_description(tmp_path):
         ({"sole_capsules": [{**CAPSULE, "radius": -0.01}]}, "sole capsule: radius is -0.01, expected a number above 0"),
         ({"sole_capsules": [{**CAPSULE, "end": [0, 0]}]}, r"sole capsule: end is \(0, 0\), expected 3 values"),
         ({"asset": "nowhere.xml"}, "asset '.*nowhere.xml': no such file"),
+        ({"asset": "x" * 5000}, "asset '.*x': no such file"),
+        ({"asset": "a\0.xml"}, "asset .* holds a null byte, expected a path"),
     ],
 )
 def test_a_wrong_field_is_named(tmp_path, change, message):
