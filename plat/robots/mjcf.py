@@ -13,7 +13,7 @@ from plat.errors import ConfigError, RobotError
 from plat.json_file import short
 from plat.robots.motors import check_actuators
 from plat.robots.mujoco_log import leave_no_log_file
-from plat.words import perhaps
+from plat.words import counted, perhaps
 
 __all__ = [
     "FOOT_COUNTS",
@@ -128,7 +128,7 @@ def check_model(model: mujoco.MjModel, robot: str, bodies: Mapping[str, Sequence
     driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
     if driven != list(range(1, model.njnt)):
         raise RobotError(
-            f"{where} has {model.nu} actuators, expected one position actuator for each of the "
+            f"{where} has {counted(len(driven), 'actuator')}, expected one position actuator for each of the "
             f"{model.njnt - 1} hinges, in their order"
         )
     _check_hinges(model, where)

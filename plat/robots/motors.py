@@ -75,7 +75,7 @@ def check_actuators(model: mujoco.MjModel, where: str) -> None:
     Raises:
         RobotError: naming the joint of an actuator that is no position actuator, and what would be right.
     """
-    for index in range(model.nu):
+    for index in range(len(model.actuator_trnid)):
         actuator = f"{where}: the actuator of joint {model.joint(index + 1).name!r}"
         gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
         kinds = (
@@ -89,6 +89,11 @@ def check_actuators(model: mujoco.MjModel, where: str) -> None:
             raise RobotError(
                 f"{actuator} has activation dynamics, expected none: plat's motors have no state of their own; leave "
                 "out its timeconst or dyntype"
+            )
+        if model.actuator_delay[index] > 0:
+            raise RobotError(
+                f"{actuator} has a delay of {model.actuator_delay[index]:g} s, expected none: nothing resets the "
+                "targets that wait"
             )
         if not model.actuator_forcelimited[index] or model.actuator_forcerange[index, 1] <= 0:
             raise RobotError(f"{actuator} has no torque limits, expected its forcerange")

@@ -75,6 +75,11 @@ def test_an_asset_may_be_a_path_elsewhere(tmp_path):
             TINY.replace("kp=", 'timeconst="0.1" kp='),
             "'knee_joint' has activation dynamics, expected none: .* leave out its timeconst or dyntype",
         ),
+        (
+            TINY.replace("kp=", 'delay="0.01" nsample="4" kp='),
+            "'knee_joint' has a delay of 0.01 s, expected none: nothing resets",
+        ),
+        (TINY.replace("<position", "<pid"), "'knee_joint' is no position actuator of gear 1"),
         (GENERAL.replace("0 -50 -2", "1 -50 -2"), "'knee_joint' is no position actuator of gear 1"),
         (GENERAL.replace('gaintype="fixed"', 'gaintype="affine"'), "'knee_joint' is no position actuator of gear 1"),
         (TINY.replace('name="foot"', 'name="foot1"'), "keypoints: body 'foot' is not in .*, perhaps 'foot1'"),
