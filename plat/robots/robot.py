@@ -158,7 +158,8 @@ class Robot:
         named = {"anchor": (self.anchor,), "end_effectors": self.end_effectors, "feet": self.feet}
         for field, bodies in named.items():
             if others := [body for body in bodies if body not in self.keypoints]:
-                raise RobotError(f"robot {self.name!r}: {field}: {others[0]!r} is not among its keypoints")
+                near = perhaps(others[0], self.keypoints)
+                raise RobotError(f"robot {self.name!r}: {field}: {others[0]!r} is not among its keypoints{near}")
         if timestep is not None:
             model.opt.timestep = timestep
         return model

@@ -94,7 +94,7 @@ def test_an_asset_is_relative_to_its_description(tmp_path):
         ({"keypoints": []}, r"keypoints is \(\), expected a tuple, each a text and at least one"),
         ({"keypoints": "pelvis"}, "keypoints is 'pelvis', expected a tuple"),
         ({"keypoints": [*G1.keypoints, "left_hand"]}, "keypoints: body 'left_hand' is not in "),
-        ({"anchor": "torso"}, "anchor: 'torso' is not among its keypoints"),
+        ({"anchor": "torso_lnk"}, "anchor: 'torso_lnk' is not among its keypoints, perhaps 'torso_link'"),
         ({"end_effectors": ["left_toe"]}, "end_effectors: 'left_toe' is not among its keypoints"),
         ({"sole_capsules": [3]}, r"sole_capsules\[0\]: holds 3, expected an object"),
         ({"sole_capsules": [{"start": [0, 0, 0]}]}, r"sole_capsules\[0\]: end is missing"),
