@@ -1,10 +1,8 @@
 """Captures to motions of the robot, and what became of them in figures."""
 
 import functools
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -32,7 +30,7 @@ from plat.motions.retargeting.mocap import FPS, Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
-from plat.pools import told_if_killed
+from plat.pools import HelperPool, told_if_killed
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -271,9 +269,7 @@ def retarget_all(
     if workers < 2:
         yield from map(work, paths)
         return
-    # forked children inherit torch's thread pool in a state that can hang them
-    context = multiprocessing.get_context("spawn")
-    with told_if_killed(), ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+    with told_if_killed(), HelperPool(workers, torch.set_num_threads, 1) as pool:
         yield from pool.map(work, paths, chunksize=4)
 
 
