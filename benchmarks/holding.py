@@ -48,10 +48,12 @@ def main(config: HoldingConfig) -> AuthoredRecords:
     for family in dict.fromkeys(records.family):
         rows = torch.tensor([name == family for name in records.family])
         held = ~records.fell[rows]
+        there = held & records.in_pose[rows]
         stepped = AuthoredScore.of(records, family).stepped[0]
-        travel = float(records.foot_travel[rows][held].median()) if bool(held.any()) else float("nan")
+        travel = float(records.foot_travel[rows][there].median()) if bool(there.any()) else float("nan")
         print(f"{family:<8}{100 * float(held.double().mean()):>18.1f}{stepped:>11.1f}{travel:>15.3f}")
-    print("stepped: of upright holds of poses that can be held at rest; foot travel: median of upright holds")
+    print("held: without a fall; feet: of those robots, the ones that are in the pose after a second")
+    print("stepped: of these, where the pose can be held at rest; foot travel: their median")
     return records
 
 

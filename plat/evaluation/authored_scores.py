@@ -64,6 +64,8 @@ class AuthoredRecords:
         fell_in_hold: for the first time after the last arrival ``[C]``.
         foot_travel: greatest distance of a foot in the hold from where it was when that had settled ``[C]`` (m).
         stepped: whether that is a step ``[C]``.
+        in_pose: whether the robot was near enough to the last keyframe when feet began to be watched ``[C]``. One that
+            walks on to a place that it did not reach in time holds nothing.
         at_rest: whether the last keyframe can be held at rest, and nothing pushed the robot ``[C]``.
     """
 
@@ -78,6 +80,7 @@ class AuthoredRecords:
     fell_in_hold: Tensor
     foot_travel: Tensor
     stepped: Tensor
+    in_pose: Tensor
     at_rest: Tensor
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -111,7 +114,8 @@ class AuthoredScore:
         late_or_off: of keyframes that were not, though the robot had not fallen.
         reached_feasible: of keyframes without a concern that were reached.
         fell_in_hold: of holds that began upright and ended in a fall.
-        stepped: of upright holds of a pose that can be held at rest, those in which a foot left its place.
+        stepped: of upright holds of a pose that can be held at rest, and that the robot was in when feet began to be
+            watched, those in which a foot left its place.
     """
 
     family: str
@@ -137,7 +141,7 @@ class AuthoredScore:
         standing = 1 - fell + late  # chains that were upright when the hold began
         reached, feasible = records.reached[rows].double(), records.feasible[rows].double()
         neither = 1 - reached - records.fell_before[rows].double()
-        resting = (1 - fell) * records.at_rest[rows].double()
+        resting = (1 - fell) * (records.at_rest & records.in_pose)[rows].double()
         draws = torch.randint(len(rows), (resamples, len(rows)), generator=torch.Generator().manual_seed(seed))
         ones = torch.ones_like(fell)
         return cls(
@@ -190,6 +194,7 @@ def evaluate_authored(
     fell_at = torch.full_like(ends, _NEVER)
     bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     foot_travel = torch.zeros(ends.shape, device=device)
+    in_pose = torch.zeros_like(ends, dtype=torch.bool)
     places: Tensor | None = None
     for step in rollout:
         state, reference, number = step.after["state"], step.after["reference"], step.number
@@ -199,10 +204,12 @@ def evaluate_authored(
         fallen = (down(state, reference, limits, parts) | broken) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
         missed |= rollout.off_in_window(step, parts, limits.window)
-        now = arrivals == number
-        if bool(now.any()):
+        now, watched = arrivals == number, (settled == number) & (number < ends)
+        if bool(now.any() | watched.any()):
             away = distances(state, reference, parts)
-            near |= now & away.near(limits, bodies)[:, None]
+            there = away.near(limits, bodies)
+            near |= now & there[:, None]
+            in_pose |= watched & there & ~fallen
             for name, values in errors.items():
                 errors[name] = torch.where(now, getattr(away, name)[:, None], values)
         standing = state["keypoint_pos_w"][:, feet]
@@ -224,6 +231,7 @@ def evaluate_authored(
         fell_in_hold=(fell & (fell_at > arrivals[:, -1])).cpu(),
         foot_travel=foot_travel.cpu(),
         stepped=foot_travel.cpu() > limits.foot_travel,
+        in_pose=in_pose.cpu(),
         at_rest=at_rest & (pushes is None),
     )
 

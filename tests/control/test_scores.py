@@ -93,13 +93,18 @@ def test_a_foot_that_leaves_its_place_in_a_hold_has_stepped():
     stepped = held(lambda time: 0.05 if 0.3 < time < 0.4 else 0.0)
     assert stepped.stepped
     assert stepped.words == "held for 0.4 s, a foot moved by 0.05 m"
+    assert stepped.in_pose
+    late = held(lambda time: 0.3 if time < 0.21 else 0.0)
+    assert (late.stepped, late.in_pose) == (False, False)  # it was still on its way
+    assert late.foot_travel == pytest.approx(0.3)
+    assert late.words == "not in the pose, no fall in 0.4 s"
 
 
 def test_a_hold_that_is_over_before_the_feet_are_watched_says_so():
     scorer = KeyframeScorer(G1)
     for step in Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model()), hold=1.0):
         scorer.add(step)
-    assert scorer.hold().foot_travel is None
+    assert scorer.hold().foot_travel is scorer.hold().in_pose is None
     assert scorer.hold().words == "held for 1.0 s, too short to see a step"
 
 

@@ -21,5 +21,6 @@ def authored_records(chains: int = 4) -> AuthoredRecords:
         fell_in_hold=torch.zeros_like(fell),
         foot_travel=torch.zeros(chains),
         stepped=torch.zeros_like(fell),
+        in_pose=~fell,
         at_rest=~fell,
     )

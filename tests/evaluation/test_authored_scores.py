@@ -80,6 +80,7 @@ def records() -> AuthoredRecords:
         fell_in_hold=torch.tensor([False, True, False, False]),
         foot_travel=torch.zeros(4),
         stepped=torch.tensor([True, True, False, False]),
+        in_pose=torch.tensor([True, True, True, True]),
         at_rest=torch.tensor([True, True, True, False]),
     )
 
@@ -94,10 +95,26 @@ def test_scores_are_shares_of_chains_keyframes_and_holds() -> None:
     assert score.late_or_off[0] == pytest.approx(100 / 3)  # of the three that were not reached one had fallen
     assert score.reached_feasible[0] == pytest.approx(75.0)
     assert score.stepped[0] == pytest.approx(100.0)  # of the one that did not fall
+    walks_on = replace(
+        records(), fell=torch.zeros(4, dtype=torch.bool), in_pose=torch.tensor([False, True, True, True])
+    )
+    assert AuthoredScore.of(walks_on, "a").stepped[0] == pytest.approx(50.0)  # of the two that were where they hold
     other = AuthoredScore.of(records(), "b")
     assert other.fell == pytest.approx((0.0, 0.0, 97.5))  # one chain says little of others
     assert np.isnan(other.reached_feasible).all()  # no keyframe was feasible
     assert np.isnan(other.stepped).all()
+
+
+def test_a_robot_that_is_not_there_holds_nothing() -> None:
+    far = replace(STAND, root_pos=np.array([3.0, 0.0, 0.76]))
+    away = tuple(far.at(0.1 * number) for number in range(1, 6))
+    out_of_reach = Authored("far", KeyframeSequence(G1, STAND, away), 1.3)
+    # the last hold ends where feet begin to be watched
+    chains = [out_of_reach, still(0.5, hold=1.3), still(0.5, hold=1.0)]
+    records = evaluate_authored(plat.load("plat-g1").deployed(), G1, chains)
+    assert records.in_pose.tolist() == [False, True, False]
+    assert np.isnan(AuthoredScore.of(records, "far").stepped).all()
+    assert float(records.foot_travel[2]) == 0
 
 
 def test_a_table_has_a_row_a_family() -> None:
