@@ -55,12 +55,14 @@ class Authored:
         hold: seconds in the last keyframe.
         bodies: as in :class:`plat.keyframes.chain_families.ChainFamily`.
     """
+        number: among the chains of its family that a seed gives.
 
     family: str
     sequence: KeyframeSequence
     hold: float
     bodies: float | None = None
 
+    number: int = 0
 
 def author(
     family: str, robot: Robot, count: int, seed: int, resting: Pose | None = None, timing: Timing | None = None
@@ -95,14 +97,14 @@ def author(
     timing = timing or Timing()
     commands = _commanded(kind, robot)
     chains = []
-    for _ in range(count):
+    for chain in range(count):
         poses = draw.chain(kind)
         times = _times(random.uniform(*kind.interval, len(poses)), kind, timing)
         keyframes = [
             replace(Keyframe.from_qpos(time, pose, name=f"{family} {number}"), commands=commands)
             for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
         ]
-        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies))
+        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies, chain))
     return chains
 
 

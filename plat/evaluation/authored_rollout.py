@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -32,15 +33,35 @@ __all__ = ["AuthoredRollout", "AuthoredStep", "Pushes"]
 class Pushes:
     """Pushes of every robot at regular intervals, each in a horizontal direction of its own.
 
+    Those of a chain depend on the seed, its family and its number alone: every policy meets the same ones, whatever
+    other chains are beside it.
+
     Args:
         speed: change of the root's velocity (m/s).
         every: seconds in between.
         seed: draws the directions.
+
+    >>> from plat.control.authored import author
+    >>> from plat.robots import G1
+    >>> one, other = author("steps", G1, count=2, seed=0)
+    >>> pushes = Pushes(0.3)
+    >>> torch.equal(pushes.along(other, 3)[:2], pushes.along(other, 2))
+    True
+    >>> torch.equal(pushes.along(one, 2), pushes.along(other, 2))
+    False
     """
 
     speed: float
     every: float = 1.5
     seed: int = 0
+
+    def along(self, chain: Authored, count: int) -> Tensor:
+        """Return the first pushes along a chain: changes of the root's velocity ``[count, 6]`` (m/s, rad/s; world)."""
+        seed = crc32(f"push: seed {self.seed}, family {chain.family}, chain {chain.number}".encode())
+        drawn = torch.rand(count, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+        angle = 2 * torch.pi * drawn
+        still = torch.zeros(count, 4, dtype=torch.float64)
+        return self.speed * torch.cat((angle.cos()[:, None], angle.sin()[:, None], still), -1)
 
 
 @dataclass(frozen=True)
@@ -116,6 +137,7 @@ class AuthoredRollout:
             *(() if observe is None else observe(self.library)),
         ]
         self._task = TransformedEnv(self._env, Compose(*transforms))
+        self._chains = chains
         self._pushes = pushes
 
     def commanded(self, number: int) -> Tensor:
@@ -157,15 +179,10 @@ class AuthoredRollout:
 
     def _draw_pushes(self, pushes: Pushes) -> dict[int, Tensor]:
         """Return the changes of root velocity ``[C, 6]`` by the step before which they happen."""
-        generator = torch.Generator().manual_seed(pushes.seed)
         every = max(1, round(pushes.every / self.timing.control_dt))
-        drawn = {}
-        for number in range(every, int(self.ends.max()) + 1, every):
-            angle = 2 * torch.pi * torch.rand(len(self.ends), generator=generator, dtype=torch.float64)
-            zero = torch.zeros_like(angle)
-            direction = torch.stack((angle.cos(), angle.sin(), zero, zero, zero, zero), -1)
-            drawn[number] = pushes.speed * direction
-        return drawn
+        steps = range(every, int(self.ends.max()) + 1, every)
+        drawn = torch.stack([pushes.along(chain, len(steps)) for chain in self._chains], 1)
+        return dict(zip(steps, drawn, strict=True))
 
 
 def _lines(robot: Robot, chains: Sequence[Authored], last: int, dt: float) -> MotionLibrary:
