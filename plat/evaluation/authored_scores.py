@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
@@ -53,6 +54,7 @@ class AuthoredRecords:
 
     Attributes:
         family: of each chain, ``[C]``.
+        sample: number of the sample that each chain is of ``[C]``: chains through the same poses are one.
         reached: in time, near enough and not fallen before ``[C, K]``.
         fell_before: fallen by the arrival ``[C, K]``; what is neither was late or off.
         root_error: distance of the root at arrival ``[C, K]`` (m), in what is commanded of it. As in the next
@@ -70,6 +72,7 @@ class AuthoredRecords:
     """
 
     family: list[str]
+    sample: Tensor
     reached: Tensor
     fell_before: Tensor
     root_error: Tensor
@@ -104,7 +107,11 @@ class AuthoredRecords:
 
 @dataclass(frozen=True)
 class AuthoredScore:
-    """Percentages of a family, each with its 95 % bootstrap interval over chains; at 0 and 100 % that of :func:`share`.
+    """Percentages of a family, each with its 95 % bootstrap interval over samples.
+
+    A sample is a chain, or all chains through the same poses: of ``hold`` there are no more than motions with a pose at
+    rest. At 0 and 100 % the interval is that of :func:`share`. Of a single sample nothing follows for others: else it
+    is 0 to 100 %.
 
     Args:
         family: its name.
@@ -142,17 +149,24 @@ class AuthoredScore:
         reached, feasible = records.reached[rows].double(), records.feasible[rows].double()
         neither = 1 - reached - records.fell_before[rows].double()
         resting = (1 - fell) * (records.at_rest & records.in_pose)[rows].double()
-        draws = torch.randint(len(rows), (resamples, len(rows)), generator=torch.Generator().manual_seed(seed))
+        _, sample = torch.unique(records.sample[rows], return_inverse=True)
+        count = int(sample.max()) + 1
+        draws = torch.randint(count, (resamples, count), generator=torch.Generator().manual_seed(seed))
         ones = torch.ones_like(fell)
+
+        def interval(top: Tensor, bottom: Tensor) -> Interval:
+            zeros = torch.zeros(count, dtype=torch.float64)
+            return _interval(zeros.index_add(0, sample, top), zeros.index_add(0, sample, bottom), draws)
+
         return cls(
             family,
             len(rows),
-            _interval(fell, ones, draws),
-            _interval(reached.mean(1), ones, draws),
-            _interval(neither.mean(1), ones, draws),
-            _interval((reached * feasible).sum(1), feasible.sum(1), draws),
-            _interval(late, standing, draws),
-            _interval(records.stepped[rows].double() * resting, resting, draws),
+            interval(fell, ones),
+            interval(reached.mean(1), ones),
+            interval(neither.mean(1), ones),
+            interval((reached * feasible).sum(1), feasible.sum(1)),
+            interval(late, standing),
+            interval(records.stepped[rows].double() * resting, resting),
         )
 
 
@@ -221,6 +235,7 @@ def evaluate_authored(
     feasible, at_rest = _feasibility(robot, chains)
     return AuthoredRecords(
         [chain.family for chain in chains],
+        sample=_samples(chains),
         reached=(near & ~missed & ~fell_before).cpu(),
         fell_before=fell_before.cpu(),
         root_error=errors["root"].cpu(),
@@ -325,10 +340,24 @@ def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tens
     return torch.tensor(feasible), torch.tensor(at_rest)
 
 
+def _samples(chains: Sequence[Authored]) -> Tensor:
+    """Return the number of the sample that each chain is of ``[C]``: the same for chains of the same poses.
+
+    Their times differ, but one pose that a robot falls in at all times is no more than one pose.
+    """
+    numbers: dict[tuple[str, bytes], int] = {}
+    poses = (np.stack([keyframe.qpos for keyframe in chain.sequence.keyframes]).tobytes() for chain in chains)
+    keys = zip((chain.family for chain in chains), poses, strict=True)
+    return torch.tensor([numbers.setdefault(key, len(numbers)) for key in keys])
+
+
 def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
-    value = 100 * float(top.sum() / bottom.sum())
+    """Return the share of samples' sums ``[S]`` (%), and its interval by the samples drawn ``[resamples, S]``."""
+    value, trials = 100 * float(top.sum() / bottom.sum()), int((bottom > 0).sum())
     found = estimate(value, 100 * top[draws].sum(1) / bottom[draws].sum(1))
-    found = share(found, int((bottom > 0).sum()))
+    if trials == 1 and 0 < value < 100:  # all resamples are that one
+        return value, 0.0, 100.0
+    found = share(found, trials)
     return found.value, found.low, found.high
 
 

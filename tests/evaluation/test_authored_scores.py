@@ -17,6 +17,7 @@ from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.authored_scores import (
     AuthoredRecords,
     AuthoredScore,
+    _samples,
     authored_table,
     evaluate_authored,
     write_authored_csv,
@@ -70,6 +71,7 @@ def test_a_robot_does_not_depend_on_its_neighbors() -> None:
 def records() -> AuthoredRecords:
     return AuthoredRecords(
         ["a", "a", "a", "b"],
+        sample=torch.arange(4),
         reached=torch.tensor([[True, True], [True, False], [False, False], [True, True]]),
         fell_before=torch.tensor([[False, False], [False, False], [False, True], [False, False]]),
         root_error=torch.zeros(4, 2),
@@ -115,6 +117,23 @@ def test_a_robot_that_is_not_there_holds_nothing() -> None:
     assert records.in_pose.tolist() == [False, True, False]
     assert np.isnan(AuthoredScore.of(records, "far").stepped).all()
     assert float(records.foot_travel[2]) == 0
+
+
+def test_chains_through_the_same_poses_are_one_sample() -> None:
+    """Three copies of a pose that was missed at all times say as much as one."""
+    chains = [still(1.0), still(2.0), *author("steps", G1, 2, seed=0)]
+    assert _samples(chains).tolist() == [0, 0, 1, 2]
+    one, copies = records(), replace(records(), family=["a"] * 4, sample=torch.tensor([0, 1, 1, 1]))
+    one = replace(one, family=["a", "a", "-", "-"], fell=torch.tensor([False, True, True, True]))
+    copies = replace(copies, fell=one.fell)
+    assert AuthoredScore.of(one, "a").fell == pytest.approx((50.0, 0.0, 100.0))
+    assert AuthoredScore.of(copies, "a").fell == pytest.approx((75.0, 0.0, 100.0))
+    assert AuthoredScore.of(replace(copies, sample=torch.arange(4)), "a").fell[1] == pytest.approx(25.0)
+    fell = torch.zeros(4, dtype=torch.bool)
+    of_two = AuthoredScore.of(replace(copies, fell=fell), "a").fell
+    assert of_two == pytest.approx((0.0, 0.0, 84.19), abs=0.01)
+    alone = AuthoredScore.of(replace(copies, sample=torch.zeros(4, dtype=torch.int64)), "a")
+    assert alone.fell == (75.0, 0.0, 100.0)  # nothing is known of other poses
 
 
 def test_a_table_has_a_row_a_family() -> None:
