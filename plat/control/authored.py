@@ -25,6 +25,7 @@ from plat.motions.generation.whole_body import WholeBody, has_six_joint_legs
 from plat.robots import ForwardKinematics, Robot
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.parts import Parts
+from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 
 __all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
@@ -32,7 +33,7 @@ __all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
 
-# What counts as at rest in a clip.
+# What counts as at rest in a clip. The height is of a robot whose root stands at 0.76 m.
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
 _FOOT_OFF = 5e-3  # m
 _SPARE = 3  # crouches that are solved ahead beyond those of a chain, for feet that come off
@@ -122,8 +123,8 @@ def _times(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> l
 def resting_poses(library: MotionLibrary) -> Pose:
     """Return the poses ``[M, 7 + J]`` of a library in which the robot rests, over the origin and facing along x.
 
-    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m.
-    Of each clip the slowest such pose is taken.
+    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m, of
+    a robot whose root stands at 0.76 m; of others in proportion. Of each clip the slowest such pose is taken.
 
     >>> from plat.motions import generate_motions
     >>> poses = resting_poses(MotionLibrary.from_clips(generate_motions("val", seconds=8)))
@@ -134,7 +135,8 @@ def resting_poses(library: MotionLibrary) -> Pose:
     joint_speed = frames["joint_vel"].abs().amax(-1)
     root_speed = frames["keypoint_lin_vel"][:, 0].norm(dim=-1)
     height = frames["keypoint_pos"][:, 0, 2]
-    rests = (joint_speed < _JOINT_SPEED) & (root_speed < _ROOT_SPEED) & (height > _PELVIS_HEIGHT)
+    least = in_proportion(_PELVIS_HEIGHT, library.robot.root_height)
+    rests = (joint_speed < _JOINT_SPEED) & (root_speed < _ROOT_SPEED) & (height > least)
     speed = torch.where(rests, joint_speed, torch.inf)
     poses = []
     for start, length in zip(library.clip_start.tolist(), library.clip_length.tolist(), strict=True):
@@ -191,14 +193,14 @@ class _Draw:
         bases = self._rests(family.length) if family.resting else [self._stand] * family.length
         if family.same:
             return [self._pose(family, bases[0])] * family.length
-        if family.lowered is not None:
-            self._solve_ahead(family, family.lowered)
+        if (lowered := family.lowered_of(self._robot.root_height)) is not None:
+            self._solve_ahead(family, lowered)
         return [self._pose(family, base) for base in bases]
 
     def _pose(self, family: ChainFamily, base: Pose) -> Pose:
         pose = base.copy()
-        if family.lowered is not None:
-            pose = self._crouching(family.lowered, family.lean)
+        if (lowered := family.lowered_of(self._robot.root_height)) is not None:
+            pose = self._crouching(lowered, family.lean)
         if family.hands_ahead:
             pose = self._reaching(pose)
         elif family.arms:

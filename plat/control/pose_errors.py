@@ -116,8 +116,8 @@ class PoseComparison:
             turn=float(turn) if commands.root[2] else math.nan,
             near=bool(away.near(self._limits)),
             off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window, parts)),
-            fallen=bool(fallen(actual, wanted, self._limits.window, parts)),
-            down=bool(down(actual, wanted, self._limits)),
+            fallen=bool(fallen(actual, wanted, self._robot, self._limits.window, parts)),
+            down=bool(down(actual, wanted, self._robot, self._limits)),
         )
 
     def _keypoints_of(self, qpos: NDArray[np.floating]) -> TensorDict:

@@ -7,6 +7,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.settings import ReachLimits
+from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
 __all__ = ["Distances", "distances", "down"]
@@ -71,7 +72,9 @@ def distances(state: TensorDictBase, reference: TensorDictBase, parts: Tensor | 
     )
 
 
-def down(state: TensorDictBase, reference: TensorDictBase, limits: ReachLimits, parts: Tensor | None = None) -> Tensor:
+def down(
+    state: TensorDictBase, reference: TensorDictBase, robot: Robot, limits: ReachLimits, parts: Tensor | None = None
+) -> Tensor:
     """Return the mask ``[N]`` of robots that lie: a low or tilted pelvis that was not commanded to be so.
 
     How a pose is drawn excuses nothing: a root whose height or orientation is not commanded has to be up.
@@ -79,16 +82,18 @@ def down(state: TensorDictBase, reference: TensorDictBase, limits: ReachLimits, 
     Args:
         state: as for :func:`distances`.
         reference: the pose that the robot should have for now.
+        robot: gives the height at which it stands.
         limits: what is too low and too much tilt.
         parts: as for :func:`distances`.
     """
     height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
     # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
     up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
-    meant = wanted < limits.fallen_height
+    low = limits.fallen_below(robot.root_height)
+    meant = wanted < low
     if parts is not None:
         # the root is the first of the bodies, and the place of a body has a height
         root = -3 - state["keypoint_pos_w"].shape[1]
         meant &= (parts[:, -2] > 0) | (parts[:, root] > 0)
         wanted_up = torch.where(parts[:, -1] > 0, wanted_up, 1.0)
-    return ((height < limits.fallen_height) & ~meant) | ((wanted_up - up) > limits.fallen_tilt)
+    return ((height < low) & ~meant) | ((wanted_up - up) > limits.fallen_tilt)

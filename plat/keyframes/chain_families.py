@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from plat.spec.proportions import in_proportion
+
 __all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "INSIDE", "MIDDLE", "TRIES", "ChainFamily"]
 
 CHAIN_LENGTH = 5
@@ -37,7 +39,8 @@ class ChainFamily:
         turn: largest turn from the keyframe before (rad).
         out_of_reach: the way is too long for the time. In training, half of these chains command each keyframe three
             times.
-        lowered: least and most that the pelvis is lowered, with the feet in place (m).
+        lowered: least and most that the pelvis is lowered, with the feet in place (m), of a robot whose root stands at
+            0.76 m; of others in proportion.
         lean: largest lean of the trunk in a lowered pose (rad).
         arms: draw all joints but those of the legs.
         hands_ahead: draw them until both hands are ahead of the body and above its root, and no links collide.
@@ -72,6 +75,17 @@ class ChainFamily:
     scored: bool = True
 
     @property
+    def lowered_of(self, root_height: float) -> tuple[float, float] | None:
+        """Return :attr:`lowered` for a robot whose root stands at ``root_height`` (m).
+
+        >>> FAMILY_TABLE["crouch"].lowered_of(0.38)
+        (0.025, 0.15)
+        """
+        if self.lowered is None:
+            return None
+        least, most = self.lowered
+        return in_proportion(least, root_height), in_proportion(most, root_height)
+
     def needs_hands(self) -> bool:
         """Return whether a robot has to have hands for it."""
         return self.commands in ("hands", "hands_and_head")

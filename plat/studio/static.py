@@ -139,8 +139,8 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         "pins": pin_bodies(),
         "presets": {name: _names(preset(name, robot), robot) for name in PRESETS},
         "limits": {
-            **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn")},
-            **{name: getattr(reach, name) for name in ("fallen_height", "fallen_tilt")},
+            **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn", "fallen_tilt")},
+            "fallen_height": reach.fallen_below(robot.root_height),
             **vars(reach.window),
             **vars(doubts),
         },

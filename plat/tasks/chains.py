@@ -249,8 +249,8 @@ def _chains(family: ChainFamily, count: int, robot: Robot, resting: Tensor) -> T
         return _walks(family, count, robot)
     length = 1 if family.same else family.length
     qpos = resting[torch.randint(len(resting), (count, length))] if family.resting else _standing(robot, count, length)
-    if family.lowered is not None:
-        qpos = _crouched(count * length, robot, family.lowered, family.lean).unflatten(0, (count, length))
+    if (lowered := family.lowered_of(robot.root_height)) is not None:
+        qpos = _crouched(count * length, robot, lowered, family.lean).unflatten(0, (count, length))
     if family.hands_ahead:
         qpos = _reaching(qpos.flatten(0, 1), robot).unflatten(0, (count, length))
     elif family.arms:

@@ -1,13 +1,19 @@
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.control import ReachLimits
+from plat.envs import GeneralizedState
 from plat.envs.reach import distances, down
+from plat.envs.transforms import TerminationLimits
+from plat.envs.transforms.terminations import fallen
 from plat.robots import G1
 from plat.spec.parts import Parts
+from plat.tasks import Task
 
 WHOLE = Parts.all(G1)
 
@@ -72,9 +78,27 @@ def test_who_is_down():
     low, upright = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
     low[..., 2], upright[..., 2] = 0.3, 0.76
     limits = ReachLimits()
-    assert bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), limits))
-    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=low), limits))
-    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), ReachLimits(fallen_height=0.2)))
+    assert bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), G1, limits))
+    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=low), G1, limits))
+    assert not bool(
+        down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), G1, ReachLimits(fallen_height=0.2))
+    )
+
+
+@pytest.mark.parametrize(
+    ("height", "g1_lies", "small_lies"), [(0.45, False, False), (0.3, True, False), (0.19, True, True)]
+)
+def test_what_is_low_for_a_robot_depends_on_how_it_stands(height, g1_lies, small_lies):
+    pos, upright = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
+    pos[..., 2], upright[..., 2] = height, 0.76
+    state, reference = robots(keypoint_pos_w=pos), robots(keypoint_pos_w=upright)
+    small, hand = replace(G1, name="small", root_height=0.38), mask(Parts.only(G1, bodies=["left_wrist_yaw_link"]))
+    for robot, lies in ((G1, g1_lies), (small, small_lies)):
+        assert bool(down(state, reference, robot, ReachLimits())) is lies
+        assert bool(fallen(state, reference, robot, TerminationLimits(), hand)) is lies
+        there = GeneralizedState.unpack(torch.tensor([[0.0, 0.0, height, *[0.0] * 68]]))
+        assert bool(Task.failed(SimpleNamespace(robot=robot), there, TensorDict())) is lies
+    assert bool(down(state, reference, small, ReachLimits(fallen_height=0.5)))  # in meters for any robot
 
 
 @pytest.mark.parametrize(
@@ -95,4 +119,4 @@ def test_how_a_root_is_drawn_that_is_not_commanded_excuses_no_fall(parts, fell_l
         (robots(keypoint_pos_w=low), fell_low),
         (robots(keypoint_pos_w=up, keypoint_quat_w=lying), fell_tilted),
     ):
-        assert bool(down(robot, robot.clone(), ReachLimits(), mask(parts))) is fell
+        assert bool(down(robot, robot.clone(), G1, ReachLimits(), mask(parts))) is fell
