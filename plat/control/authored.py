@@ -55,15 +55,15 @@ class Authored:
         sequence: the chain.
         hold: seconds in the last keyframe.
         bodies: as in :class:`plat.keyframes.chain_families.ChainFamily`.
-    """
         number: among the chains of its family that a seed gives.
+    """
 
     family: str
     sequence: KeyframeSequence
     hold: float
     bodies: float | None = None
-
     number: int = 0
+
 
 def author(
     family: str, robot: Robot, count: int, seed: int, resting: Pose | None = None, timing: Timing | None = None
@@ -168,7 +168,10 @@ def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> Ke
 
 
 class _Draw:
-    """Sampler of a chain's poses: one after another, balanced and without collisions."""
+    """Sampler of a chain's poses, one after another.
+
+    Crouches are balanced before their arms are drawn. Collisions are looked at where hands are ahead, and nowhere else.
+    """
 
     def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
         self._robot, self._random, self._resting = robot, random, resting
@@ -221,7 +224,11 @@ class _Draw:
         return poses
 
     def _reaching(self, base: Pose) -> Pose:
-        """Return a pose with other joints than the legs' drawn until both hands are in front, and no links collide."""
+        """Return a pose with other joints than the legs' drawn until both hands are in front.
+
+        No two links are :data:`plat.keyframes.chain_families.INSIDE` or more in each other, of the pairs that the
+        robot's description lets collide.
+        """
         while True:
             poses = self._arms(base, TRIES)
             root_pos, root_quat, joint_pos = torch.from_numpy(poses).split((3, 4, self._robot.num_joints), -1)

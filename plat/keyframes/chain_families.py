@@ -18,7 +18,7 @@ AHEAD = 0.1
 """How far before the root :attr:`ChainFamily.hands_ahead` are at least (m)."""
 
 INSIDE = 0.02
-"""How deep links may be in each other in a pose with :attr:`ChainFamily.hands_ahead` (m)."""
+"""How deep links may be in each other in a pose with :attr:`ChainFamily.hands_ahead` (m): less than this."""
 
 TRIES = 64
 """Poses that are drawn at a time for one with the hands ahead."""
@@ -42,8 +42,9 @@ class ChainFamily:
         lowered: least and most that the pelvis is lowered, with the feet in place (m), of a robot whose root stands at
             0.76 m; of others in proportion.
         lean: largest lean of the trunk in a lowered pose (rad).
-        arms: draw all joints but those of the legs.
-        hands_ahead: draw them until both hands are ahead of the body and above its root, and no links collide.
+        arms: draw all joints but those of the legs. Nothing looks at links that are in each other then, or at balance.
+        hands_ahead: draw them until both hands are ahead of the body and above its root, and no two links are
+            :data:`INSIDE` or more in each other, of the pairs that the robot's description lets collide.
         commands: what is commanded of each pose: all of it; positions of the hands; of hands and trunk, which carries
             the head; or the root's horizontal position and orientation.
         length: number of keyframes.
@@ -74,7 +75,6 @@ class ChainFamily:
     trained: bool = True
     scored: bool = True
 
-    @property
     def lowered_of(self, root_height: float) -> tuple[float, float] | None:
         """Return :attr:`lowered` for a robot whose root stands at ``root_height`` (m).
 
@@ -86,6 +86,7 @@ class ChainFamily:
         least, most = self.lowered
         return in_proportion(least, root_height), in_proportion(most, root_height)
 
+    @property
     def needs_hands(self) -> bool:
         """Return whether a robot has to have hands for it."""
         return self.commands in ("hands", "hands_and_head")
@@ -119,8 +120,8 @@ FAMILY_TABLE: dict[str, ChainFamily] = {
 }
 """The families by name. This table is the one place that says what they are.
 
-Two samplers read it. :func:`plat.control.author` draws for scores: one pose after another in double precision, balanced
-and free of collisions. :func:`plat.tasks.draw_chains` draws for training: thousands of poses at once, for any legs.
-They stay two, each with a stream of random numbers of its own: the chains of a seed are what published scores and
-trained weights refer to.
+Two samplers read it. :func:`plat.control.author` draws for scores: one pose after another in double precision, crouches
+with the center of mass where it is in the standing pose. :func:`plat.tasks.draw_chains` draws for training: thousands
+of poses at once, for any legs. Both look at collisions where the hands are ahead, and nowhere else. They stay two, each
+with a stream of random numbers of its own: the chains of a seed are what published scores and trained weights refer to.
 """

@@ -293,7 +293,8 @@ def _arms(qpos: Tensor, robot: Robot) -> Tensor:
 def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
     """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front.
 
-    Commands of arms that are in each other teach a robot to press them together: such draws are left out.
+    Commands of arms that are in each other teach a robot to press them together: such draws are left out, unless all of
+    a pose's are of the kind.
     """
     hands = ForwardKinematics(robot, hands_of(robot))
     tried = _arms(qpos[:, None].expand(-1, TRIES, -1), robot)
