@@ -16,6 +16,7 @@ from plat.errors import ActionError, StateError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
+from plat.words import beyond
 
 __all__ = [
     "FELL",
@@ -165,7 +166,7 @@ class KeyframeScorer:
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
-        errors = self._compare(step.after, step.reference, step.command.keyframe.commands, step.root)
+        errors = self._compare(step.after, step.reference, step.command.keyframe.commands, step.root, step.ends)
         failed = errors.off_pose if step.in_window else errors.fallen
         scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
         self._watch_late(step)
@@ -267,18 +268,20 @@ class KeyframeScorer:
         self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None, partial: bool
     ) -> tuple[str, ...]:
         limits = self.limits
+        edge = min(limits.window.anchor_height, limits.window.end_effector_height)
         height, turn = (max(getattr(errors, name) for errors in window) for name in ("height", "turn"))
         turned = partial and arrival.turn > limits.turn
+        far_turned = limits.turn if turned else math.sqrt(limits.window.anchor_rot_squared)
         faults = [
             (late is not None, f"{late or 0:.2f} s late"),
-            (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
-            (arrival.joint > limits.joints, f"joints {arrival.joint:.2f} rad off"),
-            (partial and arrival.bodies > limits.bodies, f"a commanded body {arrival.bodies:.2f} m off"),
+            (arrival.root > limits.root, f"{beyond(arrival.root, limits.root)} m off"),
+            (arrival.joint > limits.joints, f"joints {beyond(arrival.joint, limits.joints)} rad off"),
             (
-                height > min(limits.window.anchor_height, limits.window.end_effector_height),
-                f"a hand, a foot or the torso {height:.2f} m too high or low",
+                partial and arrival.bodies > limits.bodies,
+                f"a commanded body {beyond(arrival.bodies, limits.bodies)} m off",
             ),
-            (turn**2 > limits.window.anchor_rot_squared or turned, f"turned by {turn:.2f} rad"),
+            (height > edge, f"a hand, a foot or the torso {beyond(height, edge)} m too high or low"),
+            (turn > far_turned, f"turned by {beyond(turn, far_turned)} rad"),
         ]
         return tuple(words for present, words in faults if present)
 

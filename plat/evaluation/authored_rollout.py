@@ -14,6 +14,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.control.authored import Authored
 from plat.entries import check_policy
+from plat.envs.reach import LowestRoot
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
 from plat.envs.transforms.command import CommandSchedule
@@ -101,6 +102,7 @@ class AuthoredRollout:
         arrivals: control step of each arrival ``[C, K]``.
         ends: last control step of each hold ``[C]``.
         parts: masks of what each keyframe commands ``[C, K, J + bodies + 3]``.
+        lowest: roots that commands and holds tell a robot to have at the lowest ``[C, K + 1]``.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class AuthoredRollout:
         self.library = _lines(robot, chains, max(ends), dt).to(device)
         self.arrivals, self.ends = torch.tensor(arrivals, device=device), torch.tensor(ends, device=device)
         self.parts = _parts(robot, chains).to(device)
+        self.lowest = _lowest(chains, device)
         schedule = CommandSchedule.of_arrivals(self.library, _with_holds(arrivals, self.library))
         sees_parts = "parts" in optional_groups(getattr(policy, "in_keys", ()))
         if sees_parts and not bool(self.parts.all()):
@@ -144,6 +147,12 @@ class AuthoredRollout:
         """Return the masks ``[C, J + bodies + 3]`` of the commands that a step belongs to; held ones go on."""
         command = (self.arrivals < number).sum(-1).clamp_max(self.arrivals.shape[1] - 1)
         return self.parts[torch.arange(len(command), device=command.device), command]
+
+    def lowest_root(self, number: int) -> LowestRoot:
+        """Return the lowest roots ``[C]`` that robots are told to have in a step."""
+        command = (self.arrivals < number).sum(-1)
+        chain = torch.arange(len(command), device=command.device)
+        return LowestRoot(self.lowest.height[chain, command], self.lowest.up[chain, command])
 
     def off_in_window(self, step: AuthoredStep, parts: Tensor, limits: TerminationLimits) -> Tensor:
         """Return in which arrival windows a robot is off in a step ``[C, K]``.
@@ -205,6 +214,19 @@ def _parts(robot: Robot, chains: Sequence[Authored]) -> Tensor:
     whole = Parts.all(robot)
     rows = [[(frame.commands or whole).values() for frame in chain.sequence.keyframes] for chain in chains]
     return torch.tensor(rows, dtype=torch.float32)
+
+
+def _lowest(chains: Sequence[Authored], device: torch.device | str) -> LowestRoot:
+    """Return the lowest roots of every command, between its ends, and of the hold ``[C, K + 1]``."""
+    ends = []
+    for sequence in (chain.sequence for chain in chains):
+        of_commands = [sequence.ends(index) for index in range(len(sequence))]
+        ends.append([*of_commands, (of_commands[-1][1],) * 2])
+    pos, quat = (
+        torch.tensor(np.array([[[getattr(pose, name) for pose in pair] for pair in chain] for chain in ends]))
+        for name in ("root_pos", "root_quat")
+    )
+    return LowestRoot.of(pos.to(device, torch.float32), quat.to(device, torch.float32))
 
 
 def _of_commands(parts: Tensor, arrivals: Tensor, schedule: CommandSchedule, library: MotionLibrary) -> Tensor:

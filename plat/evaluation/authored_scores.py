@@ -215,7 +215,7 @@ def evaluate_authored(
         parts = rollout.commanded(number)
         # MuJoCo puts a robot whose simulation diverged back to its start, upright
         broken = step.after["terminated"][:, 0]
-        fallen = (down(state, reference, robot, limits, parts) | broken) & (number <= ends)
+        fallen = (down(state, rollout.lowest_root(number), robot, limits) | broken) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
         missed |= rollout.off_in_window(step, parts, limits.window)
         now, watched = arrivals == number, (settled == number) & (number < ends)

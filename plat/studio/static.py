@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
+from plat.envs.reach import SAG
 from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
@@ -21,6 +22,7 @@ from plat.robots.robot import Robot
 from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 from plat.scratch import Scratch
 from plat.spec.parts import Parts
+from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies, preset
 from plat.studio.playback import nobody
@@ -141,6 +143,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         "limits": {
             **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn", "fallen_tilt")},
             "fallen_height": reach.fallen_below(robot.root_height),
+            "sag": in_proportion(SAG, robot.root_height),
             **vars(reach.window),
             **vars(doubts),
         },

@@ -206,6 +206,15 @@ def test_a_fall_is_seen_however_the_keyframes_are_drawn() -> None:
     assert not bool(records.fell_before[0, 0])
 
 
+def test_who_is_told_to_be_low_may_be_low_until_told_to_be_up() -> None:
+    low, elbow = replace(STAND, root_pos=np.array([0.0, 0.0, 0.3])), Parts.only(G1, joints=("left_elbow",))
+    poses = (STAND.at(0.2), low.at(0.4), replace(STAND, commands=elbow).at(0.6), STAND.at(0.8), STAND.at(1.0))
+    stiff = TensorDictModule(lambda pos: torch.zeros_like(pos), [("robot", "joint_pos")], ["action"])
+    rollout = AuthoredRollout(stiff, G1, [Authored("low", KeyframeSequence(G1, STAND, poses), 1.0)])
+    heights = [float(rollout.lowest_root(step).height) for step in (10, 11, 20, 21, 30, 31, 40, 41, 51, 90)]
+    np.testing.assert_allclose(heights, [0.76, *[0.3] * 6, *[0.76] * 3], atol=1e-6)
+
+
 def test_what_there_is_nothing_of_in_a_resample_is_not_zero() -> None:
     """One keyframe of three chains is feasible, and was reached: all of them, whichever chains are drawn."""
     feasible = torch.zeros(4, 2, dtype=torch.bool)
