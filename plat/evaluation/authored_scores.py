@@ -66,8 +66,7 @@ class AuthoredRecords:
         fell_in_hold: for the first time after the last arrival ``[C]``.
         foot_travel: greatest distance of a foot in the hold from where it was when that had settled ``[C]`` (m).
         stepped: whether that is a step ``[C]``.
-        in_pose: whether the robot was near enough to the last keyframe when feet began to be watched ``[C]``. One that
-            walks on to a place that it did not reach in time holds nothing.
+        in_pose: whether the robot was near enough to the last keyframe when feet began to be watched ``[C]``.
         at_rest: whether the last keyframe can be held at rest, and nothing pushed the robot ``[C]``.
     """
 
@@ -85,6 +84,14 @@ class AuthoredRecords:
     stepped: Tensor
     in_pose: Tensor
     at_rest: Tensor
+
+    @property
+    def held(self) -> Tensor:
+        """Return the mask ``[C]`` of upright holds of a keyframe that was reached, and not left when feet were watched.
+
+        A robot that walks on to a place that it did not reach in time holds nothing.
+        """
+        return ~self.fell & self.reached[:, -1] & self.in_pose
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
         """Write the records and a description of them (JSON values) to a ``.safetensors`` file."""
@@ -121,8 +128,8 @@ class AuthoredScore:
         late_or_off: of keyframes that were not, though the robot had not fallen.
         reached_feasible: of keyframes without a concern that were reached.
         fell_in_hold: of holds that began upright and ended in a fall.
-        stepped: of upright holds of a pose that can be held at rest, and that the robot was in when feet began to be
-            watched, those in which a foot left its place.
+        stepped: of holds (:attr:`AuthoredRecords.held`) of a pose that can be held at rest, those in which a foot left
+            its place.
     """
 
     family: str
@@ -148,7 +155,7 @@ class AuthoredScore:
         standing = 1 - fell + late  # chains that were upright when the hold began
         reached, feasible = records.reached[rows].double(), records.feasible[rows].double()
         neither = 1 - reached - records.fell_before[rows].double()
-        resting = (1 - fell) * (records.at_rest & records.in_pose)[rows].double()
+        resting = (records.held & records.at_rest)[rows].double()
         _, sample = torch.unique(records.sample[rows], return_inverse=True)
         count = int(sample.max()) + 1
         draws = torch.randint(count, (resamples, count), generator=torch.Generator().manual_seed(seed))

@@ -97,10 +97,12 @@ def test_scores_are_shares_of_chains_keyframes_and_holds() -> None:
     assert score.late_or_off[0] == pytest.approx(100 / 3)  # of the three that were not reached one had fallen
     assert score.reached_feasible[0] == pytest.approx(75.0)
     assert score.stepped[0] == pytest.approx(100.0)  # of the one that did not fall
-    walks_on = replace(
-        records(), fell=torch.zeros(4, dtype=torch.bool), in_pose=torch.tensor([False, True, True, True])
-    )
+    upright = replace(records(), fell=torch.zeros(4, dtype=torch.bool), reached=torch.ones(4, 2, dtype=torch.bool))
+    assert AuthoredScore.of(upright, "a").stepped[0] == pytest.approx(200 / 3)
+    walks_on = replace(upright, in_pose=torch.tensor([False, True, True, True]))
     assert AuthoredScore.of(walks_on, "a").stepped[0] == pytest.approx(50.0)  # of the two that were where they hold
+    late = replace(upright, reached=torch.tensor([[True, False], [True, True], [False, True], [True, True]]))
+    assert AuthoredScore.of(late, "a").stepped[0] == pytest.approx(50.0)
     other = AuthoredScore.of(records(), "b")
     assert other.fell == pytest.approx((0.0, 0.0, 97.5))  # one chain says little of others
     assert np.isnan(other.reached_feasible).all()  # no keyframe was feasible
