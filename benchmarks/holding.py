@@ -47,11 +47,12 @@ def main(config: HoldingConfig) -> AuthoredRecords:
     print(f"{'':<8}{'held for ' + format(config.seconds, 'g') + ' s %':>18}{'stepped %':>11}{'foot travel m':>15}")
     for family in dict.fromkeys(records.family):
         rows = torch.tensor([name == family for name in records.family])
-        held = ~records.fell[rows]
+        upright, held = ~records.fell[rows], records.held[rows]
         stepped = AuthoredScore.of(records, family).stepped[0]
         travel = float(records.foot_travel[rows][held].median()) if bool(held.any()) else float("nan")
-        print(f"{family:<8}{100 * float(held.double().mean()):>18.1f}{stepped:>11.1f}{travel:>15.3f}")
-    print("stepped: of upright holds of poses that can be held at rest; foot travel: median of upright holds")
+        print(f"{family:<8}{100 * float(upright.double().mean()):>18.1f}{stepped:>11.1f}{travel:>15.3f}")
+    print("held: without a fall; feet: of these, where the keyframe was reached, and the robot in it after a second")
+    print("stepped: of poses that can be held at rest; foot travel: the median")
     return records
 
 

@@ -4,7 +4,18 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 
-__all__ = ["counted", "perhaps"]
+__all__ = ["beyond", "counted", "perhaps"]
+
+
+def beyond(value: float, limit: float, digits: int = 2) -> str:
+    """Return a number that is beyond a limit, with as many digits as show it.
+
+    >>> beyond(0.3456, 0.2), beyond(0.2013, 0.2)
+    ('0.35', '0.201')
+    """
+    while float(shown := f"{value:.{digits}f}") <= limit < value:
+        digits += 1
+    return shown
 
 
 def counted(number: float, what: str, many: str = "") -> str:

@@ -162,7 +162,9 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
         groups = by_difficulty if split == "all" else []
         pictures[split] = write(recipe.out / split, of_split, rows, groups)
     first = {name: entrants[candidates[0].slug] for name, candidates in rows.items()}
-    pictures["all"] += evaluate.draw_strips(recipe.out / "all", first, shown, recipe.seed, recipe.device)
+    pictures["all"] += evaluate.draw_strips(
+        recipe.out / "all", first, library, shown, recipe.horizon, recipe.seed, recipe.device
+    )
     for logger in recipe.loggers:
         run = start_logging(logger, "ablations", recipe.out, {"motions": recipe.motions, "runs": str(recipe.runs)})
         log_table(run, "evaluation", COLUMNS, table_rows(scores), pictures["all"])

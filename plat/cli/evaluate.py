@@ -140,7 +140,9 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
         if recipe.partial or recipe.disturbed or recipe.domain_randomization:
             print("no film strip: it shows whole keyframes and an undisturbed robot, which these scores are not of")
         else:
-            pictures += draw_strips(recipe.figures, entrants, shown, recipe.seed, recipe.device)
+            pictures += draw_strips(
+                recipe.figures, entrants, library, shown, recipe.horizon, recipe.seed, recipe.device
+            )
         stems = ["radar", "success", "film_strip", *(f"bars_{horizon}" for horizon in HORIZONS)]
         remove_figures(recipe.figures, stems, pictures)
     if written := written_by(recipe, pictures):
@@ -262,17 +264,23 @@ class Teller:
             write_page(self._recipe, self._conditions, study)
 
 
+def fitting(library: MotionLibrary, horizon: str) -> list[int]:
+    """Return the numbers of the motions that a horizon's shortest command fits into."""
+    shortest = HORIZONS[horizon].shortest if horizon in HORIZONS else 1
+    kept: list[int] = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
+    return kept
+
+
 def long_enough(library: MotionLibrary, horizon: str) -> list[int]:
     """Return the numbers of the motions that a horizon's shortest command fits into; say how many are left out.
 
     Raises:
         PlatError: when none is long enough.
     """
-    shortest = HORIZONS[horizon].shortest if horizon in HORIZONS else 1
-    kept: list[int] = (library.clip_length - 1 >= shortest).nonzero()[:, 0].tolist()
+    kept = fitting(library, horizon)
     if len(kept) == library.num_clips:
         return kept
-    short = library.num_clips - len(kept)
+    shortest, short = HORIZONS[horizon].shortest, library.num_clips - len(kept)
     are = "is" if short == 1 else "are"
     told = f"horizon {horizon!r}: {short} of {counted(library.num_clips, 'motion')} {are} "
     told += f"shorter than {shortest * library.dt:g} s, its shortest command"
@@ -374,9 +382,9 @@ def draw_authored_strips(
     return written
 
 
-def first_named(library: MotionLibrary, pattern: str | None) -> MotionLibrary:
-    """The first motion, or the first one whose name a regular expression is found in."""
-    return library.only(0 if pattern is None else library.named(pattern)[0])
+def first_named(library: MotionLibrary, pattern: str | None) -> int:
+    """The number of the first motion, or of the first one whose name a regular expression is found in."""
+    return 0 if pattern is None else library.named(pattern)[0]
 
 
 def print_head() -> None:
@@ -417,21 +425,43 @@ def draw_groups(folder: Path, groups: Sequence[GroupScore]) -> list[Path]:
 
 
 def draw_strips(
-    folder: Path, entrants: Mapping[str, Entrant], library: MotionLibrary, seed: int, device: str
+    folder: Path,
+    entrants: Mapping[str, Entrant],
+    library: MotionLibrary,
+    clip: int,
+    horizons: Sequence[str],
+    seed: int,
+    device: str,
 ) -> list[Path]:
-    """Draw a film strip of each policy on a library's only motion; where this machine cannot, say what to install."""
-    horizon = HORIZONS["long"]
-    if any(entrant.timing.max_steps < horizon.longest for entrant in entrants.values()):
-        told = f"commands of up to {horizon.longest} control steps, longer than a policy's longest"
-        print(f"no film strip: it shows {told}")
+    """Draw a film strip of each policy on a motion; where this machine cannot, say what to install.
+
+    Commands are those that were scored: Long ones, or else those of the horizon with the longest.
+
+    Args:
+        folder: for the figure.
+        entrants: by name, of one timing.
+        library: all motions that were given, for a motion's commands depend on its number among those of a horizon.
+        clip: number of the motion that is shown.
+        horizons: that were scored.
+        seed: of the commands.
+        device: of the policies.
+    """
+    timing = next(iter(entrants.values())).timing
+    lengths = {name: horizon_named(name, timing) for name in horizons}
+    longest = max(lengths, key=lambda name: (lengths[name].longest, lengths[name].shortest))
+    horizon = "long" if "long" in lengths else longest
+    scored = fitting(library, horizon)
+    if clip not in scored:
+        motion = library.clip_names[clip]
+        print(f"no film strip: motion {motion!r} is shorter than a {horizon} command; choose another --clip")
         return []
-    if int(library.clip_length[0]) <= horizon.shortest:
-        print(f"no film strip: motion {library.clip_names[0]!r} is shorter than a long command; choose another --clip")
-        return []
+    number = scored.index(clip)
+    motions = library if len(scored) == library.num_clips else library.only(*scored)
     try:
         with Stage(library.robot, width=400, height=440, distance=2.2) as stage:
             playbacks = {
-                name: entrant.play(library, horizon, seed=seed, device=device) for name, entrant in entrants.items()
+                name: entrant.play(motions, lengths[horizon], number, seed=seed, device=device)
+                for name, entrant in entrants.items()
             }
             written = save_figure(film_strip(stage, playbacks), folder / "film_strip")
     except RenderingError as error:

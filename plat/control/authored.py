@@ -25,6 +25,7 @@ from plat.motions.generation.whole_body import WholeBody, has_six_joint_legs
 from plat.robots import ForwardKinematics, Robot
 from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.parts import Parts
+from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 
 __all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
@@ -32,7 +33,7 @@ __all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
 
-# What counts as at rest in a clip.
+# What counts as at rest in a clip. The height is of a robot whose root stands at 0.76 m.
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
 _FOOT_OFF = 5e-3  # m
 _SPARE = 3  # crouches that are solved ahead beyond those of a chain, for feet that come off
@@ -54,12 +55,14 @@ class Authored:
         sequence: the chain.
         hold: seconds in the last keyframe.
         bodies: as in :class:`plat.keyframes.chain_families.ChainFamily`.
+        number: among the chains of its family that a seed gives.
     """
 
     family: str
     sequence: KeyframeSequence
     hold: float
     bodies: float | None = None
+    number: int = 0
 
 
 def author(
@@ -95,14 +98,14 @@ def author(
     timing = timing or Timing()
     commands = _commanded(kind, robot)
     chains = []
-    for _ in range(count):
+    for chain in range(count):
         poses = draw.chain(kind)
         times = _times(random.uniform(*kind.interval, len(poses)), kind, timing)
         keyframes = [
             replace(Keyframe.from_qpos(time, pose, name=f"{family} {number}"), commands=commands)
             for number, (time, pose) in enumerate(zip(times, poses, strict=True), 1)
         ]
-        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies))
+        chains.append(Authored(family, _sequence(robot, keyframes, timing), kind.hold, kind.bodies, chain))
     return chains
 
 
@@ -120,8 +123,8 @@ def _times(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> l
 def resting_poses(library: MotionLibrary) -> Pose:
     """Return the poses ``[M, 7 + J]`` of a library in which the robot rests, over the origin and facing along x.
 
-    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m.
-    Of each clip the slowest such pose is taken.
+    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m, of
+    a robot whose root stands at 0.76 m; of others in proportion. Of each clip the slowest such pose is taken.
 
     >>> from plat.motions import generate_motions
     >>> poses = resting_poses(MotionLibrary.from_clips(generate_motions("val", seconds=8)))
@@ -132,7 +135,8 @@ def resting_poses(library: MotionLibrary) -> Pose:
     joint_speed = frames["joint_vel"].abs().amax(-1)
     root_speed = frames["keypoint_lin_vel"][:, 0].norm(dim=-1)
     height = frames["keypoint_pos"][:, 0, 2]
-    rests = (joint_speed < _JOINT_SPEED) & (root_speed < _ROOT_SPEED) & (height > _PELVIS_HEIGHT)
+    least = in_proportion(_PELVIS_HEIGHT, library.robot.root_height)
+    rests = (joint_speed < _JOINT_SPEED) & (root_speed < _ROOT_SPEED) & (height > least)
     speed = torch.where(rests, joint_speed, torch.inf)
     poses = []
     for start, length in zip(library.clip_start.tolist(), library.clip_length.tolist(), strict=True):
@@ -164,7 +168,10 @@ def _sequence(robot: Robot, keyframes: Sequence[Keyframe], timing: Timing) -> Ke
 
 
 class _Draw:
-    """Sampler of a chain's poses: one after another, balanced and without collisions."""
+    """Sampler of a chain's poses, one after another.
+
+    Crouches are balanced before their arms are drawn. Collisions are looked at where hands are ahead, and nowhere else.
+    """
 
     def __init__(self, robot: Robot, random: np.random.Generator, resting: Pose | None):
         self._robot, self._random, self._resting = robot, random, resting
@@ -189,14 +196,14 @@ class _Draw:
         bases = self._rests(family.length) if family.resting else [self._stand] * family.length
         if family.same:
             return [self._pose(family, bases[0])] * family.length
-        if family.lowered is not None:
-            self._solve_ahead(family, family.lowered)
+        if (lowered := family.lowered_of(self._robot.root_height)) is not None:
+            self._solve_ahead(family, lowered)
         return [self._pose(family, base) for base in bases]
 
     def _pose(self, family: ChainFamily, base: Pose) -> Pose:
         pose = base.copy()
-        if family.lowered is not None:
-            pose = self._crouching(family.lowered, family.lean)
+        if (lowered := family.lowered_of(self._robot.root_height)) is not None:
+            pose = self._crouching(lowered, family.lean)
         if family.hands_ahead:
             pose = self._reaching(pose)
         elif family.arms:
@@ -217,7 +224,11 @@ class _Draw:
         return poses
 
     def _reaching(self, base: Pose) -> Pose:
-        """Return a pose with other joints than the legs' drawn until both hands are in front, and no links collide."""
+        """Return a pose with other joints than the legs' drawn until both hands are in front.
+
+        No two links are :data:`plat.keyframes.chain_families.INSIDE` or more in each other, of the pairs that the
+        robot's description lets collide.
+        """
         while True:
             poses = self._arms(base, TRIES)
             root_pos, root_quat, joint_pos = torch.from_numpy(poses).split((3, 4, self._robot.num_joints), -1)

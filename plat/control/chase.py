@@ -60,6 +60,8 @@ class ChaseStep:
     """of the policy"""
     root: Keyframe | None = None
     """where the root is to be at the end of the step, see :meth:`plat.keyframes.KeyframeSequence.on_the_way`"""
+    ends: tuple[Keyframe, ...] = ()
+    """poses that the command leads from and to, see :meth:`plat.keyframes.KeyframeSequence.ends`; none in the hold"""
 
     @property
     def in_window(self) -> bool:
@@ -172,7 +174,8 @@ class Chase(Iterator[ChaseStep]):
         self._steps += 1
         after, reference = self.simulator.state(), self.sequence.sample(self.time)
         timing, root = self._controller.timing, self.sequence.on_the_way(*self._began, self.time)
-        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root)
+        ends = () if holding else self.sequence.ends(command.index)
+        return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root, ends)
 
 
 def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:

@@ -1,6 +1,7 @@
 """Errors of one robot against a pose. The twin of :class:`plat.envs.transforms.KeyframeMetrics`, which is batched."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from plat.deploy import RobotState
-from plat.envs.reach import distances, down
+from plat.envs.reach import LowestRoot, distances, down
 from plat.envs.settings import ReachLimits
 from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.terminations import fallen, off_pose
@@ -76,7 +77,12 @@ class PoseComparison:
         self._standing = standing(robot)
 
     def __call__(
-        self, state: RobotState, pose: Keyframe, commands: Parts | None = None, root: Keyframe | None = None
+        self,
+        state: RobotState,
+        pose: Keyframe,
+        commands: Parts | None = None,
+        root: Keyframe | None = None,
+        ends: Sequence[Keyframe] = (),
     ) -> PoseErrors:
         """Errors of a state against a pose, or against the parts of it that are commanded.
 
@@ -86,11 +92,15 @@ class PoseComparison:
             commands: parts of it that are commanded; None for all.
             root: where its root should be, :meth:`plat.keyframes.KeyframeSequence.on_the_way`. None for where the pose
                 has it, and upright where that is not commanded.
+            ends: poses that the way leads from and to: a root that is as low or tilted as one of them has not fallen.
         """
         actual = self._keypoints_of(state.qpos)
         wanted = self._keypoints_of(pose.qpos)
         # how a root is drawn that is not commanded is no measure of a fall
         root = root or with_commanded_root(self._standing, replace(pose, commands=commands))
+        allowed = (root, *ends)
+        places, turns = ([getattr(each, name) for each in allowed] for name in ("root_pos", "root_quat"))
+        lowest = LowestRoot.of(torch.tensor(np.stack(places))[None], torch.tensor(np.stack(turns))[None])
         wanted["keypoint_pos_w"][0, 0] = torch.from_numpy(root.root_pos)
         wanted["keypoint_quat_w"][0, 0] = torch.from_numpy(root.root_quat)
         commands = commands or Parts.all(self._robot)
@@ -116,8 +126,8 @@ class PoseComparison:
             turn=float(turn) if commands.root[2] else math.nan,
             near=bool(away.near(self._limits)),
             off_pose=bool(off_pose(actual, wanted, self._robot, self._limits.window, parts)),
-            fallen=bool(fallen(actual, wanted, self._limits.window, parts)),
-            down=bool(down(actual, wanted, self._limits)),
+            fallen=bool(fallen(actual, wanted, self._robot, self._limits.window, parts)),
+            down=bool(down(actual, lowest, self._robot, self._limits)),
         )
 
     def _keypoints_of(self, qpos: NDArray[np.floating]) -> TensorDict:

@@ -16,6 +16,7 @@ from plat.errors import ActionError, StateError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
+from plat.words import beyond
 
 __all__ = [
     "FELL",
@@ -105,7 +106,8 @@ class HoldScore:
         fell_at: second of the hold at which the robot lay down; None when it did not, or lay already.
         down: whether the robot lies at the end.
         foot_travel: greatest distance of a foot from where it was when the hold had settled (m); None before that.
-        stepped: whether that is a step.
+        stepped: whether that is a step, of a robot that was in the pose.
+        in_pose: whether the robot was near enough to the keyframe when the hold had settled; None before that.
     """
 
     seconds: float
@@ -113,6 +115,7 @@ class HoldScore:
     down: bool
     foot_travel: float | None
     stepped: bool
+    in_pose: bool | None
 
     @property
     def words(self) -> str:
@@ -121,6 +124,8 @@ class HoldScore:
             return f"fell afterwards: {self.fell_at:.2f} s after the last arrival"
         if self.down:
             return "on the floor"
+        if self.in_pose is False:
+            return f"not in the pose, no fall in {self.seconds:.1f} s"
         feet = f", a foot moved by {self.foot_travel:.2f} m" if self.stepped else ""
         if self.foot_travel is None:
             feet = ", too short to see a step"
@@ -155,18 +160,18 @@ class KeyframeScorer:
         self._feet = _Feet(robot)
         self._steps: dict[int, list[tuple[ChaseStep, StepErrors]]] = {}
         self._near_after: dict[int, float] = {}
-        # time, whether down, and where the feet are: nowhere for a robot that is lost
-        self._hold: list[tuple[float, bool, NDArray[np.floating] | None]] = []
+        # time, whether down, whether in the pose, and where the feet are: nowhere for a robot that is lost
+        self._hold: list[tuple[float, bool, bool, NDArray[np.floating] | None]] = []
         self._lost: Sequence[Keyframe] = ()
 
     def add(self, step: ChaseStep) -> StepErrors:
         """Add a step; return the robot's distance from the sequence at its end."""
-        errors = self._compare(step.after, step.reference, step.command.keyframe.commands, step.root)
+        errors = self._compare(step.after, step.reference, step.command.keyframe.commands, step.root, step.ends)
         failed = errors.off_pose if step.in_window else errors.fallen
         scored = StepErrors(**{field.name: getattr(errors, field.name) for field in fields(errors)}, failed=failed)
         self._watch_late(step)
         if step.holding:
-            self._hold.append((step.time, errors.down, self._feet(step.after.qpos)))
+            self._hold.append((step.time, errors.down, self._near(errors), self._feet(step.after.qpos)))
         else:
             self._steps.setdefault(step.command.index, []).append((step, scored))
         return scored
@@ -191,7 +196,7 @@ class KeyframeScorer:
         """
         self._lost = sequence.keyframes
         if len(self._arrived()) == len(sequence):
-            self._hold.append((time, True, None))
+            self._hold.append((time, True, False, None))
 
     def scores(self) -> list[KeyframeScore]:
         """Return the scores of the keyframes that have arrived, and of those that never will (:meth:`lose`)."""
@@ -207,15 +212,20 @@ class KeyframeScorer:
         if not self._hold:
             return None
         arrival = self._steps[max(self._steps)][-1]
-        held = [(time - arrival[0].time, down, feet) for time, down, feet in self._hold]
-        lay = [] if arrival[1].down else [time for time, down, _ in held if down]
+        held = [(time - arrival[0].time, down, near, feet) for time, down, near, feet in self._hold]
+        lay = [] if arrival[1].down else [time for time, down, _, _ in held if down]
         # times are multiples of the control step up to rounding
-        settled = [feet for time, _, feet in held if feet is not None and time > self.limits.settling - 1e-6]
-        # one position has not moved yet
-        apart = np.linalg.norm(np.array(settled) - settled[0], axis=-1) if len(settled) > 1 else None
-        travel = None if apart is None else float(apart.max())
-        stepped = travel is not None and travel > self.limits.foot_travel
-        return HoldScore(held[-1][0], lay[0] if lay else None, held[-1][1], travel, stepped)
+        settled = [
+            (near, feet) for time, _, near, feet in held if feet is not None and time > self.limits.settling - 1e-6
+        ]
+        seconds, down = held[-1][:2]
+        fell_at = lay[0] if lay else None
+        if len(settled) < 2:  # one position has not moved yet
+            return HoldScore(seconds, fell_at, down, None, False, None)
+        (in_pose, place), places = settled[0], np.array([feet for _, feet in settled])
+        travel = float(np.linalg.norm(places - place, axis=-1).max())
+        # a robot on its way to the keyframe has to step
+        return HoldScore(seconds, fell_at, down, travel, in_pose and travel > self.limits.foot_travel, in_pose)
 
     def _watch_late(self, step: ChaseStep) -> None:
         """Find out when a keyframe that was missed is come near to after its arrival."""
@@ -258,18 +268,20 @@ class KeyframeScorer:
         self, arrival: PoseErrors, window: Sequence[PoseErrors], late: float | None, partial: bool
     ) -> tuple[str, ...]:
         limits = self.limits
+        edge = min(limits.window.anchor_height, limits.window.end_effector_height)
         height, turn = (max(getattr(errors, name) for errors in window) for name in ("height", "turn"))
         turned = partial and arrival.turn > limits.turn
+        far_turned = limits.turn if turned else math.sqrt(limits.window.anchor_rot_squared)
         faults = [
             (late is not None, f"{late or 0:.2f} s late"),
-            (arrival.root > limits.root, f"{arrival.root:.2f} m off"),
-            (arrival.joint > limits.joints, f"joints {arrival.joint:.2f} rad off"),
-            (partial and arrival.bodies > limits.bodies, f"a commanded body {arrival.bodies:.2f} m off"),
+            (arrival.root > limits.root, f"{beyond(arrival.root, limits.root)} m off"),
+            (arrival.joint > limits.joints, f"joints {beyond(arrival.joint, limits.joints)} rad off"),
             (
-                height > min(limits.window.anchor_height, limits.window.end_effector_height),
-                f"a hand, a foot or the torso {height:.2f} m too high or low",
+                partial and arrival.bodies > limits.bodies,
+                f"a commanded body {beyond(arrival.bodies, limits.bodies)} m off",
             ),
-            (turn**2 > limits.window.anchor_rot_squared or turned, f"turned by {turn:.2f} rad"),
+            (height > edge, f"a hand, a foot or the torso {beyond(height, edge)} m too high or low"),
+            (turn > far_turned, f"turned by {beyond(turn, far_turned)} rad"),
         ]
         return tuple(words for present, words in faults if present)
 

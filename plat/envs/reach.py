@@ -7,9 +7,14 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.settings import ReachLimits
+from plat.robots.robot import Robot
 from plat.rotations import quat_angle
+from plat.spec.proportions import in_proportion
 
-__all__ = ["Distances", "distances", "down"]
+__all__ = ["SAG", "Distances", "LowestRoot", "distances", "down"]
+
+SAG = 0.05
+"""How much a G1 may be below a keyframe's root and be no lower than it was told to (m)."""
 
 
 @dataclass(frozen=True)
@@ -71,24 +76,52 @@ def distances(state: TensorDictBase, reference: TensorDictBase, parts: Tensor | 
     )
 
 
-def down(state: TensorDictBase, reference: TensorDictBase, limits: ReachLimits, parts: Tensor | None = None) -> Tensor:
+@dataclass(frozen=True)
+class LowestRoot:
+    """How low and how tilted roots are commanded to be for now, of N robots.
+
+    Attributes:
+        height: of the root ``[N]`` (m).
+        up: vertical component of the root's z axis ``[N]``: 1 upright, 0 lying, -1 upside down.
+    """
+
+    height: Tensor
+    up: Tensor
+
+    @classmethod
+    def of(cls, pos: Tensor, quat: Tensor) -> "LowestRoot":
+        """Return the lowest and most tilted of several roots, such as those at both ends of a command.
+
+        Args:
+            pos: their positions ``[N, M, 3]`` (m).
+            quat: their orientations ``[N, M, 4]``, ``wxyz``.
+
+        >>> standing_and_lying = torch.tensor([[[0.0, 0.0, 0.76], [0.0, 0.0, 0.1]]])
+        >>> upright_and_tilted = torch.tensor([[[1.0, 0.0, 0.0, 0.0], [0.5**0.5, 0.0, 0.5**0.5, 0.0]]])
+        >>> lowest = LowestRoot.of(standing_and_lying, upright_and_tilted)
+        >>> round(float(lowest.height), 3), round(float(lowest.up), 3)
+        (0.1, 0.0)
+        """
+        return cls(pos[..., 2].amin(-1), _up(quat).amin(-1))
+
+
+def down(state: TensorDictBase, lowest: LowestRoot, robot: Robot, limits: ReachLimits) -> Tensor:
     """Return the mask ``[N]`` of robots that lie: a low or tilted pelvis that was not commanded to be so.
 
-    How a pose is drawn excuses nothing: a root whose height or orientation is not commanded has to be up.
+    On its way up from a low keyframe, and down to one, a robot may be low at any time: it is told when to be there, not
+    how. Nor has one fallen that sags by up to 5 cm (of a standing height of 0.76 m) from a low one.
 
     Args:
         state: as for :func:`distances`.
-        reference: the pose that the robot should have for now.
+        lowest: of what is commanded for now.
+        robot: gives the height at which it stands.
         limits: what is too low and too much tilt.
-        parts: as for :func:`distances`.
     """
-    height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
-    # the vertical component of the root's z axis is 1 - 2 (x^2 + y^2)
-    up, wanted_up = (1 - 2 * group["keypoint_quat_w"][:, 0, 1:3].square().sum(-1) for group in (state, reference))
-    meant = wanted < limits.fallen_height
-    if parts is not None:
-        # the root is the first of the bodies, and the place of a body has a height
-        root = -3 - state["keypoint_pos_w"].shape[1]
-        meant &= (parts[:, -2] > 0) | (parts[:, root] > 0)
-        wanted_up = torch.where(parts[:, -1] > 0, wanted_up, 1.0)
-    return ((height < limits.fallen_height) & ~meant) | ((wanted_up - up) > limits.fallen_tilt)
+    height, low = state["keypoint_pos_w"][:, 0, 2], limits.fallen_below(robot.root_height)
+    meant = lowest.height < low + in_proportion(SAG, robot.root_height)
+    return ((height < low) & ~meant) | (lowest.up - _up(state["keypoint_quat_w"][:, 0]) > limits.fallen_tilt)
+
+
+def _up(quat: Tensor) -> Tensor:
+    """Return the vertical component ``[*B]`` of the z axes of orientations ``[*B, 4]``."""
+    return 1 - 2 * quat[..., 1:3].square().sum(-1)

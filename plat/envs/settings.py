@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 from plat.bounds import Bounded, NonNegative, Positive
 from plat.envs.transforms.settings import TerminationLimits
 from plat.errors import ConfigError
+from plat.spec.proportions import in_proportion
 
 __all__ = ["HOLD", "PhysicsName", "ReachLimits", "ResetNoise", "check_physics"]
 
@@ -66,8 +67,8 @@ class ReachLimits(Bounded):
     """largest distance of a commanded body at arrival (m), of a partial keyframe"""
     turn: Positive = 0.2
     """angle of the root at arrival (rad), of a partial keyframe"""
-    fallen_height: Positive = 0.4
-    """a pelvis below this has fallen (m), unless it is commanded to be there"""
+    fallen_height: Positive | None = None
+    """a lower pelvis has fallen (m), unless commanded; None: 0.4 m of a standing height of 0.76"""
     fallen_tilt: Positive = 0.7
     """so much more tilt than commanded is a fall, in gravity's component along the root's z"""
     settling: NonNegative = 1.0
@@ -76,3 +77,13 @@ class ReachLimits(Bounded):
     """a foot that moves further from its place in a hold has stepped (m)"""
     window: TerminationLimits = TerminationLimits()
     """thresholds of TKS@3, for every step of the arrival window"""
+
+    def fallen_below(self, root_height: float) -> float:
+        """Return the height (m) below which the root of a robot that stands at ``root_height`` (m) has fallen.
+
+        >>> ReachLimits().fallen_below(0.76), ReachLimits().fallen_below(0.38)
+        (0.4, 0.2)
+        >>> ReachLimits(fallen_height=0.3).fallen_below(0.38)
+        0.3
+        """
+        return in_proportion(0.4, root_height) if self.fallen_height is None else self.fallen_height

@@ -52,7 +52,7 @@ def play_authored(
         after.append(_qpos(GeneralizedState.from_entries(step.after)))
         parts = rollout.commanded(step.number)
         near = distances(state, reference, parts).near(limits, bodies)
-        fell |= down(state, reference, limits, parts) | step.after["terminated"][:, 0]
+        fell |= down(state, rollout.lowest_root(step.number), robot, limits) | step.after["terminated"][:, 0]
         missed |= rollout.off_in_window(step, parts, limits.window)
         late = (missed & (rollout.arrivals == step.number)).any(1)
         failed.append((fell | ~near | late).cpu().numpy())

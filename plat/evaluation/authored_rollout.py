@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.control.authored import Authored
 from plat.entries import check_policy
+from plat.envs.reach import LowestRoot
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, ReferenceMotion
 from plat.envs.transforms.command import CommandSchedule
@@ -32,15 +34,35 @@ __all__ = ["AuthoredRollout", "AuthoredStep", "Pushes"]
 class Pushes:
     """Pushes of every robot at regular intervals, each in a horizontal direction of its own.
 
+    Those of a chain depend on the seed, its family and its number alone: every policy meets the same ones, whatever
+    other chains are beside it.
+
     Args:
         speed: change of the root's velocity (m/s).
         every: seconds in between.
         seed: draws the directions.
+
+    >>> from plat.control.authored import author
+    >>> from plat.robots import G1
+    >>> one, other = author("steps", G1, count=2, seed=0)
+    >>> pushes = Pushes(0.3)
+    >>> torch.equal(pushes.along(other, 3)[:2], pushes.along(other, 2))
+    True
+    >>> torch.equal(pushes.along(one, 2), pushes.along(other, 2))
+    False
     """
 
     speed: float
     every: float = 1.5
     seed: int = 0
+
+    def along(self, chain: Authored, count: int) -> Tensor:
+        """Return the first pushes along a chain: changes of the root's velocity ``[count, 6]`` (m/s, rad/s; world)."""
+        seed = crc32(f"push: seed {self.seed}, family {chain.family}, chain {chain.number}".encode())
+        drawn = torch.rand(count, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+        angle = 2 * torch.pi * drawn
+        still = torch.zeros(count, 4, dtype=torch.float64)
+        return self.speed * torch.cat((angle.cos()[:, None], angle.sin()[:, None], still), -1)
 
 
 @dataclass(frozen=True)
@@ -80,6 +102,7 @@ class AuthoredRollout:
         arrivals: control step of each arrival ``[C, K]``.
         ends: last control step of each hold ``[C]``.
         parts: masks of what each keyframe commands ``[C, K, J + bodies + 3]``.
+        lowest: roots that commands and holds tell a robot to have at the lowest ``[C, K + 1]``.
     """
 
     def __init__(
@@ -102,6 +125,7 @@ class AuthoredRollout:
         self.library = _lines(robot, chains, max(ends), dt).to(device)
         self.arrivals, self.ends = torch.tensor(arrivals, device=device), torch.tensor(ends, device=device)
         self.parts = _parts(robot, chains).to(device)
+        self.lowest = _lowest(chains, device)
         schedule = CommandSchedule.of_arrivals(self.library, _with_holds(arrivals, self.library))
         sees_parts = "parts" in optional_groups(getattr(policy, "in_keys", ()))
         if sees_parts and not bool(self.parts.all()):
@@ -116,12 +140,19 @@ class AuthoredRollout:
             *(() if observe is None else observe(self.library)),
         ]
         self._task = TransformedEnv(self._env, Compose(*transforms))
+        self._chains = chains
         self._pushes = pushes
 
     def commanded(self, number: int) -> Tensor:
         """Return the masks ``[C, J + bodies + 3]`` of the commands that a step belongs to; held ones go on."""
         command = (self.arrivals < number).sum(-1).clamp_max(self.arrivals.shape[1] - 1)
         return self.parts[torch.arange(len(command), device=command.device), command]
+
+    def lowest_root(self, number: int) -> LowestRoot:
+        """Return the lowest roots ``[C]`` that robots are told to have in a step."""
+        command = (self.arrivals < number).sum(-1)
+        chain = torch.arange(len(command), device=command.device)
+        return LowestRoot(self.lowest.height[chain, command], self.lowest.up[chain, command])
 
     def off_in_window(self, step: AuthoredStep, parts: Tensor, limits: TerminationLimits) -> Tensor:
         """Return in which arrival windows a robot is off in a step ``[C, K]``.
@@ -157,15 +188,10 @@ class AuthoredRollout:
 
     def _draw_pushes(self, pushes: Pushes) -> dict[int, Tensor]:
         """Return the changes of root velocity ``[C, 6]`` by the step before which they happen."""
-        generator = torch.Generator().manual_seed(pushes.seed)
         every = max(1, round(pushes.every / self.timing.control_dt))
-        drawn = {}
-        for number in range(every, int(self.ends.max()) + 1, every):
-            angle = 2 * torch.pi * torch.rand(len(self.ends), generator=generator, dtype=torch.float64)
-            zero = torch.zeros_like(angle)
-            direction = torch.stack((angle.cos(), angle.sin(), zero, zero, zero, zero), -1)
-            drawn[number] = pushes.speed * direction
-        return drawn
+        steps = range(every, int(self.ends.max()) + 1, every)
+        drawn = torch.stack([pushes.along(chain, len(steps)) for chain in self._chains], 1)
+        return dict(zip(steps, drawn, strict=True))
 
 
 def _lines(robot: Robot, chains: Sequence[Authored], last: int, dt: float) -> MotionLibrary:
@@ -188,6 +214,19 @@ def _parts(robot: Robot, chains: Sequence[Authored]) -> Tensor:
     whole = Parts.all(robot)
     rows = [[(frame.commands or whole).values() for frame in chain.sequence.keyframes] for chain in chains]
     return torch.tensor(rows, dtype=torch.float32)
+
+
+def _lowest(chains: Sequence[Authored], device: torch.device | str) -> LowestRoot:
+    """Return the lowest roots of every command, between its ends, and of the hold ``[C, K + 1]``."""
+    ends = []
+    for sequence in (chain.sequence for chain in chains):
+        of_commands = [sequence.ends(index) for index in range(len(sequence))]
+        ends.append([*of_commands, (of_commands[-1][1],) * 2])
+    pos, quat = (
+        torch.tensor(np.array([[[getattr(pose, name) for pose in pair] for pair in chain] for chain in ends]))
+        for name in ("root_pos", "root_quat")
+    )
+    return LowestRoot.of(pos.to(device, torch.float32), quat.to(device, torch.float32))
 
 
 def _of_commands(parts: Tensor, arrivals: Tensor, schedule: CommandSchedule, library: MotionLibrary) -> Tensor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
@@ -53,6 +54,7 @@ class AuthoredRecords:
 
     Attributes:
         family: of each chain, ``[C]``.
+        sample: number of the sample that each chain is of ``[C]``: chains through the same poses are one.
         reached: in time, near enough and not fallen before ``[C, K]``.
         fell_before: fallen by the arrival ``[C, K]``; what is neither was late or off.
         root_error: distance of the root at arrival ``[C, K]`` (m), in what is commanded of it. As in the next
@@ -64,10 +66,12 @@ class AuthoredRecords:
         fell_in_hold: for the first time after the last arrival ``[C]``.
         foot_travel: greatest distance of a foot in the hold from where it was when that had settled ``[C]`` (m).
         stepped: whether that is a step ``[C]``.
+        in_pose: whether the robot was near enough to the last keyframe when feet began to be watched ``[C]``.
         at_rest: whether the last keyframe can be held at rest, and nothing pushed the robot ``[C]``.
     """
 
     family: list[str]
+    sample: Tensor
     reached: Tensor
     fell_before: Tensor
     root_error: Tensor
@@ -78,7 +82,16 @@ class AuthoredRecords:
     fell_in_hold: Tensor
     foot_travel: Tensor
     stepped: Tensor
+    in_pose: Tensor
     at_rest: Tensor
+
+    @property
+    def held(self) -> Tensor:
+        """Return the mask ``[C]`` of upright holds of a keyframe that was reached, and not left when feet were watched.
+
+        A robot that walks on to a place that it did not reach in time holds nothing.
+        """
+        return ~self.fell & self.reached[:, -1] & self.in_pose
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
         """Write the records and a description of them (JSON values) to a ``.safetensors`` file."""
@@ -101,7 +114,11 @@ class AuthoredRecords:
 
 @dataclass(frozen=True)
 class AuthoredScore:
-    """Percentages of a family, each with its 95 % bootstrap interval over chains; at 0 and 100 % that of :func:`share`.
+    """Percentages of a family, each with its 95 % bootstrap interval over samples.
+
+    A sample is a chain, or all chains through the same poses: of ``hold`` there are no more than motions with a pose at
+    rest. At 0 and 100 % the interval is that of :func:`share`. Of a single sample nothing follows for others: else it
+    is 0 to 100 %.
 
     Args:
         family: its name.
@@ -111,7 +128,8 @@ class AuthoredScore:
         late_or_off: of keyframes that were not, though the robot had not fallen.
         reached_feasible: of keyframes without a concern that were reached.
         fell_in_hold: of holds that began upright and ended in a fall.
-        stepped: of upright holds of a pose that can be held at rest, those in which a foot left its place.
+        stepped: of holds (:attr:`AuthoredRecords.held`) of a pose that can be held at rest, those in which a foot left
+            its place.
     """
 
     family: str
@@ -137,18 +155,25 @@ class AuthoredScore:
         standing = 1 - fell + late  # chains that were upright when the hold began
         reached, feasible = records.reached[rows].double(), records.feasible[rows].double()
         neither = 1 - reached - records.fell_before[rows].double()
-        resting = (1 - fell) * records.at_rest[rows].double()
-        draws = torch.randint(len(rows), (resamples, len(rows)), generator=torch.Generator().manual_seed(seed))
+        resting = (records.held & records.at_rest)[rows].double()
+        _, sample = torch.unique(records.sample[rows], return_inverse=True)
+        count = int(sample.max()) + 1
+        draws = torch.randint(count, (resamples, count), generator=torch.Generator().manual_seed(seed))
         ones = torch.ones_like(fell)
+
+        def interval(top: Tensor, bottom: Tensor) -> Interval:
+            zeros = torch.zeros(count, dtype=torch.float64)
+            return _interval(zeros.index_add(0, sample, top), zeros.index_add(0, sample, bottom), draws)
+
         return cls(
             family,
             len(rows),
-            _interval(fell, ones, draws),
-            _interval(reached.mean(1), ones, draws),
-            _interval(neither.mean(1), ones, draws),
-            _interval((reached * feasible).sum(1), feasible.sum(1), draws),
-            _interval(late, standing, draws),
-            _interval(records.stepped[rows].double() * resting, resting, draws),
+            interval(fell, ones),
+            interval(reached.mean(1), ones),
+            interval(neither.mean(1), ones),
+            interval((reached * feasible).sum(1), feasible.sum(1)),
+            interval(late, standing),
+            interval(records.stepped[rows].double() * resting, resting),
         )
 
 
@@ -190,19 +215,22 @@ def evaluate_authored(
     fell_at = torch.full_like(ends, _NEVER)
     bodies = torch.tensor([limits.bodies if chain.bodies is None else chain.bodies for chain in chains], device=device)
     foot_travel = torch.zeros(ends.shape, device=device)
+    in_pose = torch.zeros_like(ends, dtype=torch.bool)
     places: Tensor | None = None
     for step in rollout:
         state, reference, number = step.after["state"], step.after["reference"], step.number
         parts = rollout.commanded(number)
         # MuJoCo puts a robot whose simulation diverged back to its start, upright
         broken = step.after["terminated"][:, 0]
-        fallen = (down(state, reference, limits, parts) | broken) & (number <= ends)
+        fallen = (down(state, rollout.lowest_root(number), robot, limits) | broken) & (number <= ends)
         fell_at = torch.where(fallen, fell_at.clamp_max(number), fell_at)
         missed |= rollout.off_in_window(step, parts, limits.window)
-        now = arrivals == number
-        if bool(now.any()):
+        now, watched = arrivals == number, (settled == number) & (number < ends)
+        if bool(now.any() | watched.any()):
             away = distances(state, reference, parts)
-            near |= now & away.near(limits, bodies)[:, None]
+            there = away.near(limits, bodies)
+            near |= now & there[:, None]
+            in_pose |= watched & there & ~fallen
             for name, values in errors.items():
                 errors[name] = torch.where(now, getattr(away, name)[:, None], values)
         standing = state["keypoint_pos_w"][:, feet]
@@ -214,6 +242,7 @@ def evaluate_authored(
     feasible, at_rest = _feasibility(robot, chains)
     return AuthoredRecords(
         [chain.family for chain in chains],
+        sample=_samples(chains),
         reached=(near & ~missed & ~fell_before).cpu(),
         fell_before=fell_before.cpu(),
         root_error=errors["root"].cpu(),
@@ -224,6 +253,7 @@ def evaluate_authored(
         fell_in_hold=(fell & (fell_at > arrivals[:, -1])).cpu(),
         foot_travel=foot_travel.cpu(),
         stepped=foot_travel.cpu() > limits.foot_travel,
+        in_pose=in_pose.cpu(),
         at_rest=at_rest & (pushes is None),
     )
 
@@ -317,10 +347,24 @@ def _feasibility(robot: Robot, chains: Sequence[Authored]) -> tuple[Tensor, Tens
     return torch.tensor(feasible), torch.tensor(at_rest)
 
 
+def _samples(chains: Sequence[Authored]) -> Tensor:
+    """Return the number of the sample that each chain is of ``[C]``: the same for chains of the same poses.
+
+    Their times differ, but one pose that a robot falls in at all times is no more than one pose.
+    """
+    numbers: dict[tuple[str, bytes], int] = {}
+    poses = (np.stack([keyframe.qpos for keyframe in chain.sequence.keyframes]).tobytes() for chain in chains)
+    keys = zip((chain.family for chain in chains), poses, strict=True)
+    return torch.tensor([numbers.setdefault(key, len(numbers)) for key in keys])
+
+
 def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
-    value = 100 * float(top.sum() / bottom.sum())
+    """Return the share of samples' sums ``[S]`` (%), and its interval by the samples drawn ``[resamples, S]``."""
+    value, trials = 100 * float(top.sum() / bottom.sum()), int((bottom > 0).sum())
     found = estimate(value, 100 * top[draws].sum(1) / bottom[draws].sum(1))
-    found = share(found, int((bottom > 0).sum()))
+    if trials == 1 and 0 < value < 100:  # all resamples are that one
+        return value, 0.0, 100.0
+    found = share(found, trials)
     return found.value, found.low, found.high
 
 

@@ -36,7 +36,7 @@ def play(
 
     Args:
         policy: deterministic policy.
-        library: motions.
+        library: all motions of the evaluation. A clip's commands depend on its number, so the clip alone has others.
         clip: number of the clip.
         horizon: range of the commands' lengths.
         seed: of the commands.

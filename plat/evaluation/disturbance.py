@@ -21,6 +21,7 @@ from plat.evaluation.clip_draws import ClipDraws, ClipNoise, ClipSeeds, Randomiz
 from plat.evaluation.names import DisturbanceName
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import Robot
+from plat.spec.observation import table
 
 __all__ = [
     "STRENGTHS",
@@ -169,7 +170,9 @@ class Disturbed(ClipDraws):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         if self._coming:
-            tensordict["action"] = next_tensordict["robot", "last_action"] = self._given
+            tensordict["action"] = self._given
+            entry = table().entry("robot", "last_action")
+            next_tensordict["robot", "last_action"] = entry.observed(self._given)
         return next_tensordict
 
 

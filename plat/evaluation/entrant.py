@@ -147,6 +147,13 @@ class Entrant:
         motions = library.for_robot(self.robot)
         return evaluate_clips(self.policy, motions, rule, lengths, setting, **vars(self.view), **options)
 
-    def play(self, library: MotionLibrary, horizon: Horizon, **options: Any) -> Playback:
-        """Return its playback on a library's first motion; options are those of :func:`plat.evaluation.play`."""
-        return play(self.policy, library.for_robot(self.robot), 0, horizon, **vars(self.view), **options)
+    def play(self, library: MotionLibrary, horizon: Horizon, clip: int = 0, **options: Any) -> Playback:
+        """Return its playback on the commands that a motion has among all of a library.
+
+        Args:
+            library: all motions that it is scored on, of any robot with the same joints.
+            horizon: of the commands.
+            clip: number of the motion.
+            options: further arguments of :func:`plat.evaluation.play`.
+        """
+        return play(self.policy, library.for_robot(self.robot), clip, horizon, **vars(self.view), **options)

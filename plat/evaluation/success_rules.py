@@ -40,7 +40,7 @@ def _off_height_or_turn(state: TensorDictBase, reference: TensorDictBase, robot:
 
 
 def _fallen(state: TensorDictBase, reference: TensorDictBase, robot: Robot) -> Tensor:
-    return fallen(state, reference, TerminationLimits(root_height=0.25, root_tilt=0.8))
+    return fallen(state, reference, robot, TerminationLimits(root_height=0.25, root_tilt=0.8))
 
 
 RULES: Mapping[str, SuccessRule] = MappingProxyType(

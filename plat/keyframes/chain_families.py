@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from plat.spec.proportions import in_proportion
+
 __all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "INSIDE", "MIDDLE", "TRIES", "ChainFamily"]
 
 CHAIN_LENGTH = 5
@@ -16,7 +18,7 @@ AHEAD = 0.1
 """How far before the root :attr:`ChainFamily.hands_ahead` are at least (m)."""
 
 INSIDE = 0.02
-"""How deep links may be in each other in a pose with :attr:`ChainFamily.hands_ahead` (m)."""
+"""How deep links may be in each other in a pose with :attr:`ChainFamily.hands_ahead` (m): less than this."""
 
 TRIES = 64
 """Poses that are drawn at a time for one with the hands ahead."""
@@ -37,10 +39,12 @@ class ChainFamily:
         turn: largest turn from the keyframe before (rad).
         out_of_reach: the way is too long for the time. In training, half of these chains command each keyframe three
             times.
-        lowered: least and most that the pelvis is lowered, with the feet in place (m).
+        lowered: least and most that the pelvis is lowered, with the feet in place (m), of a robot whose root stands at
+            0.76 m; of others in proportion.
         lean: largest lean of the trunk in a lowered pose (rad).
-        arms: draw all joints but those of the legs.
-        hands_ahead: draw them until both hands are ahead of the body and above its root, and no links collide.
+        arms: draw all joints but those of the legs. Nothing looks at links that are in each other then, or at balance.
+        hands_ahead: draw them until both hands are ahead of the body and above its root, and no two links are
+            :data:`INSIDE` or more in each other, of the pairs that the robot's description lets collide.
         commands: what is commanded of each pose: all of it; positions of the hands; of hands and trunk, which carries
             the head; or the root's horizontal position and orientation.
         length: number of keyframes.
@@ -70,6 +74,17 @@ class ChainFamily:
     bodies: float | None = None
     trained: bool = True
     scored: bool = True
+
+    def lowered_of(self, root_height: float) -> tuple[float, float] | None:
+        """Return :attr:`lowered` for a robot whose root stands at ``root_height`` (m).
+
+        >>> FAMILY_TABLE["crouch"].lowered_of(0.38)
+        (0.025, 0.15)
+        """
+        if self.lowered is None:
+            return None
+        least, most = self.lowered
+        return in_proportion(least, root_height), in_proportion(most, root_height)
 
     @property
     def needs_hands(self) -> bool:
@@ -105,8 +120,8 @@ FAMILY_TABLE: dict[str, ChainFamily] = {
 }
 """The families by name. This table is the one place that says what they are.
 
-Two samplers read it. :func:`plat.control.author` draws for scores: one pose after another in double precision, balanced
-and free of collisions. :func:`plat.tasks.draw_chains` draws for training: thousands of poses at once, for any legs.
-They stay two, each with a stream of random numbers of its own: the chains of a seed are what published scores and
-trained weights refer to.
+Two samplers read it. :func:`plat.control.author` draws for scores: one pose after another in double precision, crouches
+with the center of mass where it is in the standing pose. :func:`plat.tasks.draw_chains` draws for training: thousands
+of poses at once, for any legs. Both look at collisions where the hands are ahead, and nowhere else. They stay two, each
+with a stream of random numbers of its own: the chains of a seed are what published scores and trained weights refer to.
 """

@@ -157,6 +157,10 @@ class KeyframeSequence:
             return before
         return with_commanded_root(measured, replace(before, commands=self.keyframes[index - 1].commands))
 
+    def ends(self, index: int) -> tuple[Keyframe, Keyframe]:
+        """Return the poses that keyframe ``index`` and the one before it command, roots as in :meth:`commanded`."""
+        return self._commanded[index], self._commanded[index + 1]
+
     @cached_property
     def arrived(self) -> tuple[Keyframe, ...]:
         """Return the start and the keyframes, each with its root where the robot probably is at the arrival."""

@@ -101,6 +101,14 @@ class Entry:
         """
         return self.size + self.per_joint * num_joints + self.per_body * num_keypoints
 
+    def observed(self, quantity: Any) -> Any:
+        """Return what policies observe of a quantity, or of an error of it, in the entry's unit: it times the scale.
+
+        >>> Entry("root_height", "m", "world", size=1, scale=10.0).observed(0.76)
+        7.6
+        """
+        return quantity if self.scale == 1.0 else self.scale * quantity
+
 
 @dataclass(frozen=True)
 class ObservationTable:
@@ -390,7 +398,7 @@ def as_observed(group: str, quantities: Mapping[str, _Value]) -> dict[str, _Valu
     >>> as_observed("command", {"horizon": 0.5})
     {'horizon': 0.5}
     """
-    return {entry.name: _scaled(entry, _computed(group, entry.name, quantities)) for entry in table().entries(group)}
+    return {entry.name: entry.observed(_computed(group, entry.name, quantities)) for entry in table().entries(group)}
 
 
 def observed(group: str, functions: Mapping[str, Callable[[_View], _Value]], view: _View) -> dict[str, _Value]:
@@ -408,7 +416,7 @@ def observed(group: str, functions: Mapping[str, Callable[[_View], _Value]], vie
     {'horizon': 0.5}
     """
     return {
-        entry.name: _scaled(entry, _computed(group, entry.name, functions)(view)) for entry in table().entries(group)
+        entry.name: entry.observed(_computed(group, entry.name, functions)(view)) for entry in table().entries(group)
     }
 
 
@@ -416,7 +424,3 @@ def _computed(group: str, name: str, source: Mapping[str, _Value]) -> _Value:
     if name not in source:
         raise ObservationError(f"nothing computes {name!r} of observation group {group!r}, only {sorted(source)}")
     return source[name]
-
-
-def _scaled(entry: Entry, value: Any) -> Any:
-    return value if entry.scale == 1.0 else entry.scale * value

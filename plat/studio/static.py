@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
+from plat.envs.reach import SAG
 from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
@@ -22,6 +23,7 @@ from plat.robots.sole_points import sole_points
 from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 from plat.scratch import Scratch
 from plat.spec.parts import Parts
+from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies, preset
 from plat.studio.playback import nobody
@@ -140,8 +142,9 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         "pins": pin_bodies(),
         "presets": {name: _names(preset(name, robot), robot) for name in PRESETS},
         "limits": {
-            **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn")},
-            **{name: getattr(reach, name) for name in ("fallen_height", "fallen_tilt")},
+            **{name: getattr(reach, name) for name in ("root", "joints", "bodies", "turn", "fallen_tilt")},
+            "fallen_height": reach.fallen_below(robot.root_height),
+            "sag": in_proportion(SAG, robot.root_height),
             **vars(reach.window),
             **vars(doubts),
         },

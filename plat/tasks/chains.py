@@ -249,8 +249,8 @@ def _chains(family: ChainFamily, count: int, robot: Robot, resting: Tensor) -> T
         return _walks(family, count, robot)
     length = 1 if family.same else family.length
     qpos = resting[torch.randint(len(resting), (count, length))] if family.resting else _standing(robot, count, length)
-    if family.lowered is not None:
-        qpos = _crouched(count * length, robot, family.lowered, family.lean).unflatten(0, (count, length))
+    if (lowered := family.lowered_of(robot.root_height)) is not None:
+        qpos = _crouched(count * length, robot, lowered, family.lean).unflatten(0, (count, length))
     if family.hands_ahead:
         qpos = _reaching(qpos.flatten(0, 1), robot).unflatten(0, (count, length))
     elif family.arms:
@@ -293,7 +293,8 @@ def _arms(qpos: Tensor, robot: Robot) -> Tensor:
 def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
     """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front.
 
-    Commands of arms that are in each other teach a robot to press them together: such draws are left out.
+    Commands of arms that are in each other teach a robot to press them together: such draws are left out, unless all of
+    a pose's are of the kind.
     """
     hands = ForwardKinematics(robot, hands_of(robot))
     tried = _arms(qpos[:, None].expand(-1, TRIES, -1), robot)

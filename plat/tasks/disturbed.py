@@ -12,6 +12,7 @@ from plat.envs.transforms.settings import NoiseLevels
 from plat.errors import TaskError
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
+from plat.spec.observation import table
 from plat.tasks.task import Task, remembered
 
 __all__ = ["advanced", "estimated", "measuring", "motor_target", "renewed", "shown", "told_to_model"]
@@ -123,12 +124,16 @@ def shown(task: Task, state: GeneralizedState, memory: TensorDictBase) -> Tensor
     for bias, entry in _BIASED.items():
         error = memory.get(bias, None)
         if error is not None and ("robot", entry) in observed.keys(True):
-            observed["robot", entry] = observed["robot", entry] + error
+            observed["robot", entry] = observed["robot", entry] + table().entry("robot", entry).observed(error)
     return observed
 
 
 def measuring(actor: TensorDictModuleBase, levels: NoiseLevels) -> TensorDictSequential:
     """Add uniform noise to what an actor measures of its robot; for training, simulated and imagined.
+
+    Args:
+        actor: reads entries of the group ``"robot"``.
+        levels: half widths, in the units of the quantities; they are scaled as their entries in the observation table.
 
     >>> from plat.modules import PlainPolicy
     >>> from plat.robots import G1
@@ -137,7 +142,11 @@ def measuring(actor: TensorDictModuleBase, levels: NoiseLevels) -> TensorDictSeq
     """
     widths = vars(levels)
     seen = [key for key in actor.in_keys if isinstance(key, tuple) and key[0] == "robot" and widths.get(key[1])]
-    noise = [TensorDictModule(_Uniform(widths[key[1]]), in_keys=[key], out_keys=[key]) for key in seen]
+    shown_widths = [table().entry(*key).observed(widths[key[1]]) for key in seen]
+    noise = [
+        TensorDictModule(_Uniform(width), in_keys=[key], out_keys=[key])
+        for key, width in zip(seen, shown_widths, strict=True)
+    ]
     return TensorDictSequential(*noise, actor, selected_out_keys=list(actor.out_keys))
 
 

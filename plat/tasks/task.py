@@ -12,6 +12,7 @@ from plat.errors import TaskError
 from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.spec.observation import as_observed
+from plat.spec.proportions import in_proportion
 
 __all__ = ["Task", "of_each", "remembered", "robot_entries", "started"]
 
@@ -79,8 +80,11 @@ class Task(nn.Module):
         return memory
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots whose episode ends by failure."""
-        return state.root_pos_w[..., 2] < 0.4
+        """Mask ``[N]`` of robots whose episode ends by failure.
+
+        By default the root is below 0.4 m, of a robot whose root stands at 0.76 m; of others in proportion.
+        """
+        return state.root_pos_w[..., 2] < in_proportion(0.4, self.robot.root_height)
 
     def finished(self, memory: TensorDictBase) -> Tensor:
         """Mask ``[N]`` of robots whose episode ends because nothing is left to do."""

@@ -1,7 +1,9 @@
 import csv
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from plat.baselines import ReleasedTrackers
@@ -12,9 +14,10 @@ from plat.errors import MotionError, OutputError, PlatError
 from plat.evaluation import authored_cells, entrant
 from plat.evaluation.study import Study
 from plat.modules import Expert, ExpertConfig, PlainPolicy
-from plat.motions import files
+from plat.motions import files, save_motions
 from plat.robots import G1
 from plat.spec.timing import Timing
+from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records
 from tests.modules.policies.test_student import SMALL
 from tests.motions.formats.writers import bowing_clip, write_csv
@@ -179,22 +182,46 @@ def test_two_horizons_make_no_radar_plot(runs):
     assert {path.stem for path in evaluate.draw_scores(runs / "figures", scores)} == {"bars_single", "success"}
 
 
+@pytest.mark.parametrize(
+    ("horizons", "shown"),
+    [(("mixed", "long", "short"), "long"), (("short", "medium"), "medium"), (("mixed",), "mixed")],
+)
+def test_a_strip_shows_the_commands_that_were_scored(runs, monkeypatch, horizons, shown):
+    """Those of a motion depend on its number, and motions before it are too short for some horizons."""
+    pytest.importorskip("matplotlib")
+    played = {}
+    monkeypatch.setattr(evaluate, "Stage", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(evaluate, "film_strip", lambda _, playbacks: played.update(playbacks))
+    monkeypatch.setattr(evaluate, "save_figure", lambda *_: [])
+    save_run(runs / "quick", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=50))))
+    clips = [standing_clip(name, frames) for name, frames in (("a", 90), ("b", 6), ("c", 100), ("d", 110))]
+    save_motions(runs / "four.npz", clips)
+    settings = recipe(runs, "plain", "quick", horizon=horizons, seed=3, figures=runs / "figures", clip="d")
+    scores = evaluate.main(replace(settings, motions=(str(runs / "four.npz"),)))
+    assert list(played) == ["plain", "quick"]
+    for score in scores:
+        if score.horizon == shown:
+            records = score.records[0]
+            scored = records.of_clips([int(records.clip.max())])
+            playback = played[score.policy]
+            begins = np.flatnonzero(np.append(True, (playback.steps_left <= 1) | playback.failed)[:-1])
+            assert playback.command_length[begins].tolist() == scored.length.tolist()
+            ended = np.append(begins[1:], len(playback.failed)) - 1
+            assert playback.failed[ended].tolist() == scored.failed.tolist()
+
+
 def test_a_strip_of_another_test_is_left_out(runs, capsys):
     pytest.importorskip("matplotlib")
-    save_run(runs / "quick", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=25))))
-    evaluate.main(recipe(runs, "quick", horizon=("short",), figures=runs / "figures"))
-    told = "no film strip: it shows commands of up to 50 control steps, longer than a policy's longest"
-    assert told in capsys.readouterr().out
     evaluate.main(recipe(runs, "plain", horizon=("single",), figures=runs / "disturbed", disturbed=0.5))
     assert "no film strip: it shows whole keyframes and an undisturbed robot" in capsys.readouterr().out
 
 
 def test_a_motion_too_short_for_a_strip_is_named(runs, capsys):
-    short = recipe(runs, "plain", horizon=("single",))
-    library = evaluate.MotionLibrary.load(short.motions).only(0)
-    library.clip_length[0] = 20
-    assert evaluate.draw_strips(runs, {}, library, 0, "cpu") == []
-    assert "no film strip: motion 'run_a' is shorter than a long command" in capsys.readouterr().out
+    library = evaluate.MotionLibrary.load(recipe(runs, "plain").motions)
+    library.clip_length[1] = 20
+    entrants = {"plain": evaluate.Entrant.of_run(runs / "plain")}
+    assert evaluate.draw_strips(runs, entrants, library, 1, ("single", "long"), 0, "cpu") == []
+    assert "no film strip: motion 'walk_b' is shorter than a long command" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("drawn", [{"figures": "figures"}, {"strips": "strips", "authored": 1}])

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,10 +9,12 @@ from plat.control.authored import FAMILIES, _times, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence
+from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.keyframes.partial import hands_of
-from plat.motions import MotionLibrary
+from plat.motions import MotionClip, MotionLibrary
 from plat.robots import G1, ForwardKinematics
 from plat.spec.timing import Timing
+from plat.tasks.chains import _chains
 
 # Of each family's second chain of seed 0: time of the last keyframe, its root's pose, and its joint angles weighted by
 # 1 to 29. Scores of policies are comparable while these stay.
@@ -107,6 +110,17 @@ def test_crouching_keeps_the_feet_in_place_and_the_balance(resting: np.ndarray) 
             assert "support_margin" not in [concern.measure for concern in held]
 
 
+def test_a_robot_that_stands_lower_crouches_less() -> None:
+    small = replace(G1, name="small", root_height=0.38)
+    scored = np.stack(
+        [frame.qpos for chain in author("crouch", small, 2, seed=0) for frame in chain.sequence.keyframes]
+    )
+    trained = _chains(FAMILY_TABLE["crouch"], 2, small, torch.empty(0, 36)).flatten(0, 1)
+    for poses in (scored, trained.double().numpy()):
+        lowered = 0.38 - poses[:, 2]
+        assert 0.025 - 1e-6 <= lowered.min() < lowered.max() <= 0.15 + 1e-6
+
+
 def test_families_command_what_they_are_named_after(resting: np.ndarray) -> None:
     hands = list(hands_of(G1))
     for family, expected in {
@@ -121,7 +135,7 @@ def test_families_command_what_they_are_named_after(resting: np.ndarray) -> None
 
 
 @pytest.mark.parametrize("family", ["reach", "three_point"])
-def test_hands_reach_in_front_and_above_and_nothing_collides(family: str, resting: np.ndarray) -> None:
+def test_hands_reach_in_front_and_above_and_no_links_are_deep_in_each_other(family: str, resting: np.ndarray) -> None:
     chains = poses(family, resting, count=4).reshape(-1, 36)
     places, _ = ForwardKinematics(G1, hands_of(G1))(*torch.from_numpy(chains).split((3, 4, 29), -1))
     root = torch.from_numpy(chains[:, None, :3])
@@ -142,6 +156,10 @@ def test_hands_reach_in_front_and_above_and_nothing_collides(family: str, restin
 def test_resting_poses_rest(library: MotionLibrary, resting: np.ndarray) -> None:
     assert 0 < len(resting) <= library.num_clips
     assert (resting[:, 2] > 0.55).all()
+    low = MotionClip("low", np.tile(G1.default_qpos, (30, 1)) - 0.3 * np.eye(36)[2], 30.0)
+    assert len(resting_poses(MotionLibrary.from_clips([low]))) == 0  # its pelvis is at 0.46 m
+    small = replace(G1, name="small", root_height=0.46)
+    assert len(resting_poses(MotionLibrary.from_clips([low], small))) == 1
     np.testing.assert_array_equal(resting[:, :2], 0)
     heading = 2 * np.arctan2(resting[:, 6], resting[:, 3])
     np.testing.assert_allclose(heading, 0, atol=1e-5)

@@ -125,3 +125,9 @@ def test_who_was_told_to_be_low_and_not_to_get_up_has_not_fallen(compare):
     errors = compare(state(LOW), POSE, elbow, root=LOW)
     assert (errors.down, errors.fallen, errors.off_pose) == (False, False, False)
     assert compare(state(LAID), POSE, elbow, root=LOW).down
+
+
+@pytest.mark.parametrize("ends", [(LOW, POSE), (POSE, LOW)])
+def test_whoever_is_between_a_low_keyframe_and_a_high_one_is_not_down(compare, ends):
+    assert not compare(state(LOW), POSE, root=POSE, ends=ends).down
+    assert compare(state(LOW), POSE, root=POSE, ends=(POSE, POSE)).down

@@ -7,9 +7,10 @@ import pytest
 import torch
 
 from plat.control import Chase, KeyframeScorer, PolicyController, ReachLimits, Simulator, mean_errors, tally
+from plat.control.scores import FELL, LATE_OR_OFF, REACHED
 from plat.envs.transforms import Horizon
 from plat.evaluation import evaluate
-from plat.keyframes import KeyframeSequence, only, standing
+from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.modules import LatentPolicy
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
@@ -93,13 +94,18 @@ def test_a_foot_that_leaves_its_place_in_a_hold_has_stepped():
     stepped = held(lambda time: 0.05 if 0.3 < time < 0.4 else 0.0)
     assert stepped.stepped
     assert stepped.words == "held for 0.4 s, a foot moved by 0.05 m"
+    assert stepped.in_pose
+    late = held(lambda time: 0.3 if time < 0.21 else 0.0)
+    assert (late.stepped, late.in_pose) == (False, False)  # it was still on its way
+    assert late.foot_travel == pytest.approx(0.3)
+    assert late.words == "not in the pose, no fall in 0.4 s"
 
 
 def test_a_hold_that_is_over_before_the_feet_are_watched_says_so():
     scorer = KeyframeScorer(G1)
     for step in Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model()), hold=1.0):
         scorer.add(step)
-    assert scorer.hold().foot_travel is None
+    assert scorer.hold().foot_travel is scorer.hold().in_pose is None
     assert scorer.hold().words == "held for 1.0 s, too short to see a step"
 
 
@@ -245,6 +251,33 @@ def test_a_fall_is_a_fall_however_a_partial_keyframe_is_drawn(drawn):
     (score,) = scorer.scores()
     assert (score.words, score.success) == ("fell", False)
     assert scorer.hold().words == "on the floor"
+
+
+def low(height: float) -> Keyframe:
+    return replace(POSE, root_pos=np.array([0.0, 0.0, height]))
+
+
+@pytest.mark.parametrize("lag", [-0.2, -0.02, 0.0, 0.02, 0.06])
+def test_a_robot_that_sits_down_and_gets_up_a_little_early_or_late_has_not_fallen(lag):
+    sequence = KeyframeSequence(G1, POSE, (low(0.3).at(1.0), POSE.at(2.0)))
+    scorer = put(sequence, lambda time: low(sequence.sample(min(max(time - lag, 0.0), 2.0)).root_pos[2]))
+    sat, stood = scorer.scores()
+    assert (sat.outcome, stood.outcome) == (REACHED, REACHED)
+    assert scorer.hold().fell_at is None
+
+
+def test_a_robot_that_does_not_get_up_has_not_fallen_before_it_had_to_stand():
+    sequence = KeyframeSequence(G1, POSE, (low(0.3).at(1.0), POSE.at(2.0), POSE.at(2.5)))
+    scorer = put(sequence, lambda time: low(max(0.76 - 0.46 * time, 0.3)))
+    assert [score.outcome for score in scorer.scores()] == [REACHED, LATE_OR_OFF, FELL]
+
+
+@pytest.mark.parametrize("distance", [0.201, 0.2004])
+def test_what_is_a_little_beyond_a_limit_does_not_read_as_the_limit(distance):
+    sequence = KeyframeSequence(G1, POSE, (POSE.at(0.5),))
+    scorer = put(sequence, lambda time: replace(POSE, root_pos=POSE.root_pos + np.array([distance, 0.0, 0.0])))
+    (score,) = scorer.scores()
+    assert score.words == f"late or off: {distance} m off"
 
 
 @pytest.mark.parametrize("then", [HANDS, Parts.only(G1, joints=["left_elbow"])])

@@ -1,13 +1,19 @@
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.control import ReachLimits
-from plat.envs.reach import distances, down
+from plat.envs import GeneralizedState
+from plat.envs.reach import LowestRoot, distances, down
+from plat.envs.transforms import TerminationLimits
+from plat.envs.transforms.terminations import fallen
 from plat.robots import G1
 from plat.spec.parts import Parts
+from plat.tasks import Task
 
 WHOLE = Parts.all(G1)
 
@@ -68,31 +74,56 @@ def test_a_partial_keyframe_is_near_when_all_that_it_commands_is():
     assert near(Parts.only(G1, root=["horizontal", "orientation"]), ReachLimits(turn=0.4))
 
 
+UPRIGHT = torch.tensor([1.0, 0.0, 0.0, 0.0])
+
+
+def told(*heights: float, quat: torch.Tensor = UPRIGHT) -> LowestRoot:
+    """The lowest of roots at some heights, all of one orientation."""
+    pos = torch.tensor([[[0.0, 0.0, height] for height in heights]])
+    return LowestRoot.of(pos, quat.expand(1, len(heights), 4))
+
+
+def at(height: float, quat: torch.Tensor = UPRIGHT) -> TensorDict:
+    pos = torch.zeros(1, 14, 3)
+    pos[..., 2] = height
+    return robots(keypoint_pos_w=pos, keypoint_quat_w=quat.expand(1, 14, 4))
+
+
 def test_who_is_down():
-    low, upright = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
-    low[..., 2], upright[..., 2] = 0.3, 0.76
     limits = ReachLimits()
-    assert bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), limits))
-    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=low), limits))
-    assert not bool(down(robots(keypoint_pos_w=low), robots(keypoint_pos_w=upright), ReachLimits(fallen_height=0.2)))
+    assert bool(down(at(0.3), told(0.76), G1, limits))
+    assert not bool(down(at(0.3), told(0.3), G1, limits))
+    assert not bool(down(at(0.3), told(0.76), G1, ReachLimits(fallen_height=0.2)))
+
+
+@pytest.mark.parametrize(("ends", "fell"), [((0.3, 0.76), False), ((0.76, 0.3), False), ((0.76, 0.76), True)])
+def test_between_a_low_and_a_high_keyframe_a_robot_may_be_low(ends, fell):
+    assert bool(down(at(0.39), told(*ends), G1, ReachLimits())) is fell
+
+
+@pytest.mark.parametrize(("wanted", "fell"), [(0.44, False), (0.46, True)])
+def test_who_sags_a_little_from_a_low_keyframe_has_not_fallen(wanted, fell):
+    assert bool(down(at(0.39), told(wanted), G1, ReachLimits())) is fell
+
+
+def test_who_gets_up_from_a_tilt_may_be_tilted():
+    lying = torch.tensor([math.sqrt(0.5), 0, math.sqrt(0.5), 0])
+    both = LowestRoot.of(torch.full((1, 2, 3), 0.76), torch.stack((lying, UPRIGHT))[None])
+    assert not bool(down(at(0.76, lying), both, G1, ReachLimits()))
+    assert bool(down(at(0.76, lying), told(0.76), G1, ReachLimits()))
 
 
 @pytest.mark.parametrize(
-    ("parts", "fell_low", "fell_tilted"),
-    [
-        (WHOLE, False, False),
-        (Parts.only(G1, bodies=["left_wrist_yaw_link"]), True, True),
-        (Parts.only(G1, root=["height"]), False, True),
-        (Parts.only(G1, bodies=["pelvis"]), False, True),
-        (Parts.only(G1, root=["horizontal", "orientation"]), True, False),
-    ],
+    ("height", "g1_lies", "small_lies"), [(0.45, False, False), (0.3, True, False), (0.19, True, True)]
 )
-def test_how_a_root_is_drawn_that_is_not_commanded_excuses_no_fall(parts, fell_low, fell_tilted):
-    low, up = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
-    low[..., 2], up[..., 2] = 0.3, 0.76
-    lying = torch.tensor([math.sqrt(0.5), 0, math.sqrt(0.5), 0]).expand(1, 14, 4)
-    for robot, fell in (
-        (robots(keypoint_pos_w=low), fell_low),
-        (robots(keypoint_pos_w=up, keypoint_quat_w=lying), fell_tilted),
-    ):
-        assert bool(down(robot, robot.clone(), ReachLimits(), mask(parts))) is fell
+def test_what_is_low_for_a_robot_depends_on_how_it_stands(height, g1_lies, small_lies):
+    pos, upright = torch.zeros(1, 14, 3), torch.zeros(1, 14, 3)
+    pos[..., 2], upright[..., 2] = height, 0.76
+    state, reference = robots(keypoint_pos_w=pos), robots(keypoint_pos_w=upright)
+    small, hand = replace(G1, name="small", root_height=0.38), mask(Parts.only(G1, bodies=["left_wrist_yaw_link"]))
+    for robot, lies in ((G1, g1_lies), (small, small_lies)):
+        assert bool(down(state, told(0.76), robot, ReachLimits())) is lies
+        assert bool(fallen(state, reference, robot, TerminationLimits(), hand)) is lies
+        there = GeneralizedState.unpack(torch.tensor([[0.0, 0.0, height, *[0.0] * 68]]))
+        assert bool(Task.failed(SimpleNamespace(robot=robot), there, TensorDict())) is lies
+    assert bool(down(state, told(0.76), small, ReachLimits(fallen_height=0.5)))  # in meters for any robot

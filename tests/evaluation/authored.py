@@ -11,6 +11,7 @@ def authored_records(chains: int = 4) -> AuthoredRecords:
     keyframes = torch.zeros(chains, 5)
     return AuthoredRecords(
         ["arms" if not down else "far" for down in fell],
+        sample=torch.arange(chains),
         reached=(~fell)[:, None].expand(-1, 5).clone(),
         fell_before=fell[:, None].expand(-1, 5).clone(),
         root_error=keyframes,
@@ -21,5 +22,6 @@ def authored_records(chains: int = 4) -> AuthoredRecords:
         fell_in_hold=torch.zeros_like(fell),
         foot_travel=torch.zeros(chains),
         stepped=torch.zeros_like(fell),
+        in_pose=~fell,
         at_rest=~fell,
     )

@@ -2,13 +2,34 @@ import pytest
 import torch
 
 from plat.control.authored import author
-from plat.evaluation.authored_rollout import AuthoredRollout
+from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
+
+STAND = G1.default_qpos
 
 
 def chains():
     return [chain for family in ("steps", "reach", "waypoint") for chain in author(family, G1, 1, seed=0)]
+
+
+def test_pushes_of_a_chain_are_the_same_beside_any_others() -> None:
+    policy = PlainPolicy(G1, PlainPolicyConfig(hidden_size=8, backbone=(8,))).deployed()
+    pushes = Pushes(0.3, every=0.5, seed=4)
+    every = [chain for family in ("far", "steps", "hold") for chain in author(family, G1, 2, 0, resting=STAND[None])]
+    drawn = AuthoredRollout(policy, G1, every)._draw_pushes(pushes)
+    assert drawn.keys() > {25, 50, 75}
+    for rows in ([2], [3, 1], [3, 2]):  # some families, in another order, and holds that end earlier
+        some = AuthoredRollout(policy, G1, [every[row] for row in rows])._draw_pushes(pushes)
+        assert len(some) < len(drawn)
+        for number, velocities in some.items():
+            assert torch.equal(velocities, drawn[number][rows])
+    first = torch.stack([drawn[25], drawn[50]])
+    assert torch.allclose(first[..., :2].norm(dim=-1), torch.tensor(0.3).double())
+    assert not first[..., 2:].any()
+    assert len(first[..., 0].unique()) == 12  # each chain and time has its own
+    other = AuthoredRollout(policy, G1, every)._draw_pushes(Pushes(0.3, every=0.5, seed=5))
+    assert not (other[25] == drawn[25])[:, 0].any()
 
 
 @pytest.mark.parametrize("also", [(), ("parts",)])

@@ -17,6 +17,7 @@ from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.authored_scores import (
     AuthoredRecords,
     AuthoredScore,
+    _samples,
     authored_table,
     evaluate_authored,
     write_authored_csv,
@@ -70,6 +71,7 @@ def test_a_robot_does_not_depend_on_its_neighbors() -> None:
 def records() -> AuthoredRecords:
     return AuthoredRecords(
         ["a", "a", "a", "b"],
+        sample=torch.arange(4),
         reached=torch.tensor([[True, True], [True, False], [False, False], [True, True]]),
         fell_before=torch.tensor([[False, False], [False, False], [False, True], [False, False]]),
         root_error=torch.zeros(4, 2),
@@ -80,6 +82,7 @@ def records() -> AuthoredRecords:
         fell_in_hold=torch.tensor([False, True, False, False]),
         foot_travel=torch.zeros(4),
         stepped=torch.tensor([True, True, False, False]),
+        in_pose=torch.tensor([True, True, True, True]),
         at_rest=torch.tensor([True, True, True, False]),
     )
 
@@ -94,10 +97,45 @@ def test_scores_are_shares_of_chains_keyframes_and_holds() -> None:
     assert score.late_or_off[0] == pytest.approx(100 / 3)  # of the three that were not reached one had fallen
     assert score.reached_feasible[0] == pytest.approx(75.0)
     assert score.stepped[0] == pytest.approx(100.0)  # of the one that did not fall
+    upright = replace(records(), fell=torch.zeros(4, dtype=torch.bool), reached=torch.ones(4, 2, dtype=torch.bool))
+    assert AuthoredScore.of(upright, "a").stepped[0] == pytest.approx(200 / 3)
+    walks_on = replace(upright, in_pose=torch.tensor([False, True, True, True]))
+    assert AuthoredScore.of(walks_on, "a").stepped[0] == pytest.approx(50.0)  # of the two that were where they hold
+    late = replace(upright, reached=torch.tensor([[True, False], [True, True], [False, True], [True, True]]))
+    assert AuthoredScore.of(late, "a").stepped[0] == pytest.approx(50.0)
     other = AuthoredScore.of(records(), "b")
     assert other.fell == pytest.approx((0.0, 0.0, 97.5))  # one chain says little of others
     assert np.isnan(other.reached_feasible).all()  # no keyframe was feasible
     assert np.isnan(other.stepped).all()
+
+
+def test_a_robot_that_is_not_there_holds_nothing() -> None:
+    far = replace(STAND, root_pos=np.array([3.0, 0.0, 0.76]))
+    away = tuple(far.at(0.1 * number) for number in range(1, 6))
+    out_of_reach = Authored("far", KeyframeSequence(G1, STAND, away), 1.3)
+    # the last hold ends where feet begin to be watched
+    chains = [out_of_reach, still(0.5, hold=1.3), still(0.5, hold=1.0)]
+    records = evaluate_authored(plat.load("plat-g1").deployed(), G1, chains)
+    assert records.in_pose.tolist() == [False, True, False]
+    assert np.isnan(AuthoredScore.of(records, "far").stepped).all()
+    assert float(records.foot_travel[2]) == 0
+
+
+def test_chains_through_the_same_poses_are_one_sample() -> None:
+    """Three copies of a pose that was missed at all times say as much as one."""
+    chains = [still(1.0), still(2.0), *author("steps", G1, 2, seed=0)]
+    assert _samples(chains).tolist() == [0, 0, 1, 2]
+    one, copies = records(), replace(records(), family=["a"] * 4, sample=torch.tensor([0, 1, 1, 1]))
+    one = replace(one, family=["a", "a", "-", "-"], fell=torch.tensor([False, True, True, True]))
+    copies = replace(copies, fell=one.fell)
+    assert AuthoredScore.of(one, "a").fell == pytest.approx((50.0, 0.0, 100.0))
+    assert AuthoredScore.of(copies, "a").fell == pytest.approx((75.0, 0.0, 100.0))
+    assert AuthoredScore.of(replace(copies, sample=torch.arange(4)), "a").fell[1] == pytest.approx(25.0)
+    fell = torch.zeros(4, dtype=torch.bool)
+    of_two = AuthoredScore.of(replace(copies, fell=fell), "a").fell
+    assert of_two == pytest.approx((0.0, 0.0, 84.19), abs=0.01)
+    alone = AuthoredScore.of(replace(copies, sample=torch.zeros(4, dtype=torch.int64)), "a")
+    assert alone.fell == (75.0, 0.0, 100.0)  # nothing is known of other poses
 
 
 def test_a_table_has_a_row_a_family() -> None:
@@ -168,6 +206,15 @@ def test_a_fall_is_seen_however_the_keyframes_are_drawn() -> None:
     records = evaluate_authored(stiff, G1, [Authored("drawn low", KeyframeSequence(G1, STAND, poses), 1.0)])
     assert records.fell.tolist() == [True]
     assert not bool(records.fell_before[0, 0])
+
+
+def test_who_is_told_to_be_low_may_be_low_until_told_to_be_up() -> None:
+    low, elbow = replace(STAND, root_pos=np.array([0.0, 0.0, 0.3])), Parts.only(G1, joints=("left_elbow",))
+    poses = (STAND.at(0.2), low.at(0.4), replace(STAND, commands=elbow).at(0.6), STAND.at(0.8), STAND.at(1.0))
+    stiff = TensorDictModule(lambda pos: torch.zeros_like(pos), [("robot", "joint_pos")], ["action"])
+    rollout = AuthoredRollout(stiff, G1, [Authored("low", KeyframeSequence(G1, STAND, poses), 1.0)])
+    heights = [float(rollout.lowest_root(step).height) for step in (10, 11, 20, 21, 30, 31, 40, 41, 51, 90)]
+    np.testing.assert_allclose(heights, [0.76, *[0.3] * 6, *[0.76] * 3], atol=1e-6)
 
 
 def test_what_there_is_nothing_of_in_a_resample_is_not_zero() -> None:

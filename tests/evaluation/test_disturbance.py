@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from torchrl.envs import Compose, TransformedEnv
@@ -17,6 +19,7 @@ from plat.evaluation.disturbance import (
 )
 from plat.motions import MotionLibrary
 from plat.robots import G1
+from plat.spec.observation import OBSERVATION, ObservationTable, observing
 from tests.conftest import standing_clip
 from tests.evaluation.puppet import still
 
@@ -61,6 +64,19 @@ def test_the_observed_last_action_is_that_of_the_policy(clips):
     for value, after in zip([0.1, 0.2, 0.3], rollout(env, [0.1, 0.2, 0.3]), strict=True):
         assert float(after["robot", "last_action"][0, 0]) == pytest.approx(value)
     env.close()
+
+
+def test_the_observed_last_action_is_scaled_as_the_table_says(clips):
+    robot = [
+        replace(entry, scale=0.5 if entry.name == "last_action" else 1.0) for entry in OBSERVATION.entries("robot")
+    ]
+    with observing(ObservationTable({**OBSERVATION.groups, "robot": tuple(robot)})):
+        for latency in (0, 1):
+            env = disturbed(clips, latency=latency)
+            (after,) = rollout(env, [0.4])
+            assert float(after["robot", "last_action"][0, 0]) == pytest.approx(0.2)
+            assert float(env.base_env._last_action[0, 0]) == pytest.approx(0.0 if latency else 0.4)
+            env.close()
 
 
 def test_before_a_late_target_motors_hold_the_start(clips):

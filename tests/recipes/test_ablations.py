@@ -149,11 +149,12 @@ def test_figures_of_every_split_and_strips_of_one(scored, monkeypatch):
     monkeypatch.setattr(evaluate, "draw_scores", lambda folder, scores: drawn.append((folder.name, scores)) or [])
     monkeypatch.setattr(evaluate, "draw_strips", lambda *arguments: drawn.append(("strips", arguments)) or [])
     splits = ablations.main(dataclasses.replace(scored, clip="walk"))
-    *figures, (_, (folder, entrants, library, _, _)) = drawn
+    *figures, (_, (folder, entrants, library, clip, horizons, _, _)) = drawn
     assert dict(figures) == splits
     assert folder == scored.out / "all"
     assert list(entrants) == ["Scratch RL", "DAgger", "PLAT"]
-    assert library.clip_names == ["walk_b"]
+    assert (library.clip_names, library.clip_names[clip]) == (["run_a", "walk_b"], "walk_b")
+    assert horizons == scored.horizon
 
 
 def test_a_row_that_is_not_finished_is_said_to_be(recipe, capsys):

@@ -31,6 +31,7 @@ pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 import plat.studio.static
 from plat.control import HOLD, Chase, Feasibility, KeyframeScorer, PolicyController, Simulator, lead_around
+from plat.control.pose_errors import PoseComparison
 from plat.runs import load_policy
 from plat.studio.checker import Checker
 from plat.studio.pins import chosen, mirrored_parts, preset, toggled
@@ -41,6 +42,7 @@ from plat.studio.static import LIBRARIES, site_facts, write_static
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
 from tests.control.puppets import Kicking, Puppet
+from tests.control.test_pose_errors import state
 from tests.crossed import ABOVE, BELOW
 from tests.studio.conftest import node_modules, squat
 
@@ -880,10 +882,10 @@ _PUPPET = """async ([text, control_dt]) => {
   const timeline = Timeline.of(site, read(text, site)), commands = [], references = [];
   const chase = new Chase(robot, puppet, timeline.start, timeline.sequence(puppet.maxSteps));
   const add = chase.scorer.add.bind(chase.scorer);
-  chase.scorer.add = (command, qpos, time, reference, place, window) => {
+  chase.scorer.add = (command, qpos, time, reference, place, ...rest) => {
     commands.push([command.index, command.left, command.holding]);
     references.push([...reference.qpos, ...place.qpos.slice(0, 7)]);
-    add(command, qpos, time, reference, place, window);
+    add(command, qpos, time, reference, place, ...rest);
   };
   while (!chase.finished) await chase.step();
   return { commands, references, poses: chase.poses, scores: chase.scorer.scores() };
@@ -938,6 +940,36 @@ def test_keyframes_between_control_steps_are_chased_as_in_python(visitor, tmp_pa
     np.testing.assert_allclose(found["references"], references, atol=1e-6)
     np.testing.assert_allclose(found["poses"][:20], [step.before.qpos for step in steps[:20]], atol=5e-3)
     assert [score["words"] for score in found["scores"]] == [score.words for score in scorer.scores()]
+
+
+@pytest.mark.slow
+def test_who_is_down_is_down_as_in_python(visitor):
+    def pose(height: float, lean: float) -> Keyframe:
+        turned = np.array([np.cos(lean / 2), 0.0, np.sin(lean / 2), 0.0])
+        return replace(standing(G1), root_pos=np.array([0.0, 0.0, height]), root_quat=turned)
+
+    low, stand, lying = pose(0.3, 0.0), pose(0.76, 0.0), pose(0.76, 1.5)
+    cases = [
+        (there, place, ends)
+        for there in (low, stand, lying)
+        for place in (low, stand, lying)
+        for ends in ((), (low, stand), (stand, lying), (pose(0.44, 0.0), pose(0.46, 0.0)))
+    ]
+    found = visitor.page.evaluate(
+        "async (cases) => { const { compare } = await import('./chase.mjs'), { robot } = window.platStudio;"
+        "const pose = (qpos) => ({ qpos });"
+        "return cases.map(([there, place, ends]) =>"
+        "  compare(robot, there, pose(place), null, pose(place), ends.map(pose)).down); }",
+        [
+            [there.qpos.tolist(), place.qpos.tolist(), [end.qpos.tolist() for end in ends]]
+            for there, place, ends in cases
+        ],
+    )
+    compare = PoseComparison(G1)
+    expected = [compare(state(there), place, None, place, ends).down for there, place, ends in cases]
+    assert found == expected
+    assert any(expected)
+    assert not all(expected)
 
 
 @pytest.mark.slow

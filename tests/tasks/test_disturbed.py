@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 
 from plat.collectors import RolloutReplay
 from plat.envs import GeneralizedState
@@ -12,6 +13,7 @@ from plat.envs.transforms.settings import ROBOT_RANGES
 from plat.modules import DynamicsConfig, DynamicsModel, PlainPolicy
 from plat.objectives import DynamicsLoss, ImaginationLoss
 from plat.robots import G1
+from plat.spec.observation import OBSERVATION, ObservationTable, observing
 from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig, robot_entries
 from plat.tasks.disturbed import advanced, estimated, measuring, motor_target, shown, told_to_model
 
@@ -223,6 +225,27 @@ def test_noise_is_on_what_is_measured():
     assert not noisy(seen.clone())["action"].equal(policy(seen.clone())["action"])
     silent = measuring(policy, NoiseLevels().scaled(0.0))
     assert silent(seen.clone())["action"].equal(policy(seen.clone())["action"])
+
+
+def test_noise_and_biases_are_the_same_in_physical_units_however_a_table_scales(task, rollout):
+    state, memory = (rollout[1][name][:, 3] for name in ("robot_state", "memory"))
+    state = GeneralizedState.unpack(state)
+    factors = {"joint_pos": 2.0, "joint_vel": 0.05, "root_ang_vel_b": -0.25, "root_lin_vel_b": 4.0, "gravity_b": 3.0}
+    robot = tuple(replace(entry, scale=factors.get(entry.name, 1.0)) for entry in OBSERVATION.entries("robot"))
+    entries = ([(group, name) for name in factors] for group in ("robot", "seen"))
+    reader = TensorDictModule(lambda *seen: seen, *entries)
+
+    def measured():
+        torch.manual_seed(0)
+        return measuring(reader, NoiseLevels())(shown(task, state, memory))["seen"]
+
+    plain = measured()
+    with observing(ObservationTable({**OBSERVATION.groups, "robot": robot})):
+        scaled = measured()
+    for name, factor in factors.items():
+        torch.testing.assert_close(scaled[name] / factor, plain[name], msg=name)
+    assert memory["encoder_bias"].any()
+    assert memory["gyro_bias"].any()
 
 
 def test_strength_zero_is_the_nominal_robot():

@@ -20,8 +20,8 @@ class SafetySettings(Bounded):
     """largest speed of a target (rad/s)"""
     tilt: Annotated[float, Range(0, 3.2, above=True)] = 1.0
     """angle between the root's z axis and the vertical that is a fall (rad)"""
-    height: NonNegative = 0.3
-    """height of the root below which it is a fall (m)"""
+    height: NonNegative | None = None
+    """height of the root below which it is a fall (m); None: 0.3 m of a standing height of 0.76"""
     temperature: Positive = 90.0
     """temperature of a motor at which it stops (°C)"""
     late: Positive = 0.045

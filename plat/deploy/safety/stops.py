@@ -6,6 +6,7 @@ from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Array, RobotState
 from plat.rotations_np import quat_to_matrix
+from plat.spec.proportions import in_proportion
 
 __all__ = ["stop_reason"]
 
@@ -19,7 +20,7 @@ def stop_reason(
     """Return the name of the stop and its reason; None when the robot may go on.
 
     Args:
-        robot: names of its joints.
+        robot: names of its joints, and the height at which it stands.
         state: plausible.
         settings: tilt, height and temperature.
         temperatures: of the motors ``[J]`` (°C); those that are not finite are not known.
@@ -35,8 +36,9 @@ def stop_reason(
     if tilt > settings.tilt:
         return "tilt", f"{tilt:.2f} rad from the vertical, at most {settings.tilt:g}"
     height = float(state.root_pos_w[2])
-    if height < settings.height:
-        return "height", f"root {height:.2f} m above the floor, at least {settings.height:g}"
+    least = in_proportion(0.3, robot.root_height) if settings.height is None else settings.height
+    if height < least:
+        return "height", f"root {height:.2f} m above the floor, at least {least:.3g}"
     if temperatures is not None:
         measured = np.asarray(temperatures, dtype=np.float64)
         hot = np.flatnonzero(measured > settings.temperature)

@@ -74,6 +74,7 @@ class KeyframeMetrics(Transform):
         self._dt = library.dt
         self._limits = limits or TerminationLimits()
         self._loaded = loaded
+        self._robot = library.robot
         self._feet = [library.robot.keypoints.index(foot) for foot in library.robot.feet]
         self._past_joint_vel: list[Tensor] = []
 
@@ -96,7 +97,7 @@ class KeyframeMetrics(Transform):
             "action_change": (tensordict["action"] - tensordict["robot", "last_action"]).abs().mean(-1),
             "joint_jerk": self._jerk(state["joint_vel"]),
             "foot_slip": (speed * loaded).sum(-1) / loaded.sum(-1).clamp_min(1),
-            "fallen": fallen(state, reference, self._limits, parts).float(),
+            "fallen": fallen(state, reference, self._robot, self._limits, parts).float(),
         }
         for key, value in values.items():
             next_tensordict["metrics", key] = value[:, None]

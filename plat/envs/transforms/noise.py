@@ -9,6 +9,7 @@ from torch import Tensor
 from plat.envs.transforms.base import ObservationTransform
 from plat.envs.transforms.settings import NoiseLevels
 from plat.robots.robot import Robot
+from plat.spec.observation import table
 
 __all__ = ["NoiseLevels", "ObservationNoise"]
 
@@ -16,13 +17,17 @@ __all__ = ["NoiseLevels", "ObservationNoise"]
 class ObservationNoise(ObservationTransform):
     """Observation noise: adds uniform noise to the measured entries of the group ``"robot"``. Put it last.
 
+    Noise is of the measured quantity: it is scaled as its entry in the observation table is.
+
     Args:
         robot: gives the number of joints.
-        levels: half widths.
+        levels: half widths, in the units of the quantities; None for the default ones.
     """
 
     def __init__(self, robot: Robot, levels: NoiseLevels | None = None):
-        half_widths = asdict(levels or NoiseLevels())
+        entries = {entry.name: entry for entry in table().entries("robot")}
+        levels = levels or NoiseLevels()
+        half_widths = {name: entries[name].observed(width) for name, width in asdict(levels).items() if name in entries}
         sizes = {name: robot.num_joints if name.startswith("joint") else 3 for name in half_widths}
         shapes: dict[NestedKey, tuple[int, ...]] = {("robot", name): (size,) for name, size in sizes.items()}
         super().__init__(in_keys=list(shapes), out_shapes=shapes)

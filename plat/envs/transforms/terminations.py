@@ -11,6 +11,7 @@ from plat.envs.transforms.base import Statistics, check_step_entries
 from plat.envs.transforms.settings import TerminationLimits, TrackingLimits
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
+from plat.spec.proportions import in_proportion
 
 __all__ = [
     "KeyframeTermination",
@@ -108,7 +109,7 @@ class KeyframeTermination(_Termination):
         return torch.where(
             in_window,
             off_pose(state, reference, self.robot, self.limits, parts),
-            fallen(state, reference, self.limits, parts),
+            fallen(state, reference, self.robot, self.limits, parts),
         )
 
 
@@ -178,27 +179,37 @@ def off_pose(
         (commanded[:, -2] & (heights[:, 0] > limits.anchor_height))
         | (commanded[:, -1] & (turn.square() > limits.anchor_rot_squared))
         | (commanded[:, robot.num_joints : -3] & (heights > limits.end_effector_height)).any(-1)
-        | fallen(state, reference, limits, parts)
+        | fallen(state, reference, robot, limits, parts)
     )
     return torch.where(commanded.all(-1), whole, off)
 
 
-# m: a root below this, where its height is not commanded, has fallen if the reference has not
+# m, of a robot whose root stands at 0.76 m: a root below this, where its height is not commanded, has fallen if the
+# reference has not
 _LOW = 0.4
 
 
 def fallen(
-    state: TensorDictBase, reference: TensorDictBase, limits: TerminationLimits, parts: Tensor | None = None
+    state: TensorDictBase,
+    reference: TensorDictBase,
+    robot: Robot,
+    limits: TerminationLimits,
+    parts: Tensor | None = None,
 ) -> Tensor:
     """Return the mask ``[N]`` of robots whose root height or tilt is far from the reference's.
 
-    Where height or orientation is not commanded, it has to be that of a fall as well: low, or more tilted.
+    Where height or orientation is not commanded, it has to be that of a fall as well: low, or more tilted. Low is below
+    0.4 m of a robot whose root stands at 0.76 m, and of others in proportion.
+
+    Args:
+        state, reference, limits, parts: as of :func:`off_pose`.
+        robot: gives the height at which it stands.
     """
     low = _height_error(state, reference, [0]) > limits.root_height
     tilted = _tilt_error(state, reference, 0) > limits.root_tilt
     if parts is not None:
         height, wanted = state["keypoint_pos_w"][:, 0, 2], reference["keypoint_pos_w"][:, 0, 2]
-        low &= (parts[:, -2] > 0) | ((height < _LOW) & (height < wanted))
+        low &= (parts[:, -2] > 0) | ((height < in_proportion(_LOW, robot.root_height)) & (height < wanted))
         more = _lean(state, 0) > _lean(reference, 0)
         tilted &= (parts[:, -1] > 0) | more
     return low | tilted

@@ -159,7 +159,12 @@ class TestStops:
 
     def test_height(self):
         low = replace(good_state(), root_pos_w=np.array([0, 0, 0.25]))
-        assert stop_reason(ROBOT, low)[0] == "height"
+        assert stop_reason(ROBOT, low) == ("height", "root 0.25 m above the floor, at least 0.3")
+        small = replace(ROBOT, root_height=0.38)
+        assert stop_reason(small, low) is None
+        lower = replace(low, root_pos_w=np.array([0, 0, 0.14]))
+        assert stop_reason(small, lower) == ("height", "root 0.14 m above the floor, at least 0.15")
+        assert stop_reason(small, low, SafetySettings(height=0.3))[0] == "height"  # in meters for any robot
 
     def test_temperature(self):
         hot = np.full(29, 40.0)

@@ -47,12 +47,12 @@ def test_all_parts_are_a_whole_keyframe():
 
 def test_a_fall_is_a_fall_whatever_is_commanded():
     hands = flags(bodies=["left_wrist_yaw_link"])
-    assert fallen(poses(height=0.2), poses(), TerminationLimits(), hands).all()
+    assert fallen(poses(height=0.2), poses(), G1, TerminationLimits(), hands).all()
     assert off(poses(height=0.2, left=0.56), hands)
     # lower than the reference, but on its feet: the height was not commanded
     low = poses(height=0.45)
-    assert fallen(low, poses(height=0.78), TerminationLimits(), None).all()
-    assert not fallen(low, poses(height=0.78), TerminationLimits(), hands).any()
+    assert fallen(low, poses(height=0.78), G1, TerminationLimits(), None).all()
+    assert not fallen(low, poses(height=0.78), G1, TerminationLimits(), hands).any()
 
 
 def test_errors_are_over_what_is_commanded():

@@ -3,6 +3,12 @@
 import { asArrived, between, following, mask, nearestStep, withCommandedRoot } from "./keyframes.mjs";
 import { angle } from "./rotations.mjs";
 
+/* A number that is beyond a limit, with as many digits as show it. */
+const beyond = (value, limit) => {
+  let digits = 2;
+  while (Number(value.toFixed(digits)) <= limit && limit < value) digits += 1;
+  return value.toFixed(digits);
+};
 const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 
@@ -63,7 +69,8 @@ export class Chase {
     const qpos = [...this.data.qpos];
     this.poses.push(qpos);
     const way = between([this.began.pose, this.commanded[command.index + 1]], this.time);
-    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), way, policy.window);
+    const ends = command.holding ? [] : [this.commanded[command.index], this.commanded[command.index + 1]];
+    this.scorer.add(command, qpos, this.time, between(this.arrived, this.time), way, policy.window, ends);
     this.errors.push(compare(robot, qpos, keyframe, mask(keyframe, robot.site))); // how far it still is
   }
 
@@ -81,8 +88,9 @@ export class Chase {
   }
 }
 
-/* How far a robot is from a pose, in the parts that are commanded; the root is where it is commanded to be. */
-export function compare(robot, qpos, pose, parts, place = pose) {
+/* How far a robot is from a pose, in the parts that are commanded; the root is where it is commanded to be. A root that
+   is as low or tilted as at one of the ends of the way has not fallen. */
+export function compare(robot, qpos, pose, parts, place = pose, ends = []) {
   const limits = robot.site.limits, count = robot.site.joints.length;
   const actual = robot.points(qpos), wanted = robot.points(pose.qpos);
   wanted[0] = { pos: place.qpos.slice(0, 3), quat: place.qpos.slice(3, 7) };
@@ -107,7 +115,9 @@ export function compare(robot, qpos, pose, parts, place = pose) {
     : heights[robot.anchor] > limits.anchor_height || anchorTurn ** 2 > limits.anchor_rot_squared || highest(robot.ends) > limits.end_effector_height;
   const joint = joints.length ? mean(joints) : 0, turn = parts ? rootTurn * orientation : anchorTurn;
   const near = root <= limits.root && joint <= limits.joints && (!parts || (bodies <= limits.bodies && turn <= limits.turn));
-  const down = (low < limits.fallen_height && meant >= limits.fallen_height) || tilt > limits.fallen_tilt;
+  const allowed = [place, ...ends], lowest = Math.min(...allowed.map((end) => end.qpos[2]));
+  const leaning = Math.max(...allowed.map((end) => lean({ quat: end.qpos.slice(3, 7) })));
+  const down = (low < limits.fallen_height && lowest >= limits.fallen_height + limits.sag) || 2 * (lean(actual[0]) - leaning) > limits.fallen_tilt;
   const total = counted.reduce((a, b) => a + b, 0);
   const keypoint = total ? distances.reduce((sum, value, body) => sum + value * counted[body], 0) / total : null;
   const watched = parts ? heights.map((_, body) => body).filter((body) => flags[count + body] || (body === 0 && upright)) : [robot.anchor, ...robot.ends];
@@ -119,14 +129,14 @@ class Scorer {
     Object.assign(this, { robot, frames, steps: frames.map(() => []), late: {}, fell: null, lost: false });
   }
 
-  add(command, qpos, time, reference, place, window) {
+  add(command, qpos, time, reference, place, window, ends) {
     const { robot } = this, { site } = robot, parts = mask(this.frames[command.index], site);
     const before = command.holding ? command.index : command.index - 1, missed = this.steps[before]?.at(-1);
     if (missed && !(before in this.late) && !missed.near) {
       const keyframe = this.frames[before], there = withCommandedRoot(missed.place, keyframe, site);
       if (compare(robot, qpos, keyframe, mask(keyframe, site), there).near) this.late[before] = Math.round(1e6 * (time - missed.time)) / 1e6;
     }
-    const errors = compare(robot, qpos, reference, parts, place);
+    const errors = compare(robot, qpos, reference, parts, place, ends);
     if (!command.holding) this.steps[command.index].push({ ...errors, time, place, inWindow: command.left <= window, arrival: command.left === 1 });
     else if (errors.down && this.fell === null) this.fell = time;
   }
@@ -147,11 +157,12 @@ class Scorer {
       const arrival = steps[steps.length - 1], window = steps.filter((step) => step.inWindow), parts = mask(this.frames[index], this.robot.site);
       const fell = steps.some((step) => step.down), reached = !fell && arrival.near && !window.some((step) => step.offPose);
       const late = fell ? undefined : this.late[index], height = Math.max(...window.map((step) => step.height)), turn = Math.max(...window.map((step) => step.turn));
+      const edge = Math.min(limits.anchor_height, limits.end_effector_height);
+      const farTurned = parts && arrival.turn > limits.turn ? limits.turn : Math.sqrt(limits.anchor_rot_squared);
       const faults = fell || reached ? [] : [
-        late !== undefined && `${late.toFixed(2)} s late`, arrival.root > limits.root && `${arrival.root.toFixed(2)} m off`,
-        arrival.joint > limits.joints && `joints ${arrival.joint.toFixed(2)} rad off`, arrival.bodies > limits.bodies && `a commanded body ${arrival.bodies.toFixed(2)} m off`,
-        height > Math.min(limits.anchor_height, limits.end_effector_height) && `a hand, a foot or the torso ${height.toFixed(2)} m too high or low`,
-        (turn ** 2 > limits.anchor_rot_squared || (parts && arrival.turn > limits.turn)) && `turned by ${turn.toFixed(2)} rad`,
+        late !== undefined && `${late.toFixed(2)} s late`, arrival.root > limits.root && `${beyond(arrival.root, limits.root)} m off`,
+        arrival.joint > limits.joints && `joints ${beyond(arrival.joint, limits.joints)} rad off`, arrival.bodies > limits.bodies && `a commanded body ${beyond(arrival.bodies, limits.bodies)} m off`,
+        height > edge && `a hand, a foot or the torso ${beyond(height, edge)} m too high or low`, turn > farTurned && `turned by ${beyond(turn, farTurned)} rad`,
       ].filter(Boolean);
       const afterwards = index === this.frames.length - 1 && this.fell !== null && !arrival.down;
       const outcome = fell ? "fell" : reached ? "reached" : "late or off";
