@@ -12,6 +12,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.clock import (
+    STATED,
     StatedRate,
     contradiction,
     distinct_rates,
@@ -108,7 +109,7 @@ def take_rates(arrays: dict[str, np.ndarray], fps: float | None, path: Path | No
     """
     marked = is_marked(arrays)  # its other arrays are clips
     fields = {name: array for name, array in arrays.items() if name == RATE or not marked}
-    rates = rates_of_fields(fields) if fps is None else [(fps, "--fps")]
+    rates = rates_of_fields(fields) if fps is None else [(fps, STATED)]
     if not rates and path is not None:
         rates = distinct_rates(stated_rates(path, []))
     if not rates:

@@ -18,6 +18,8 @@ from plat.motions.formats.rate import rates_in_name
 from plat.rotations import quat_slerp
 
 __all__ = [
+    "ELSEWHERE",
+    "STATED",
     "StatedRate",
     "contradicting_name",
     "contradiction",
@@ -35,7 +37,13 @@ __all__ = [
 ]
 
 StatedRate = tuple[float, str]
-"""Frames a second, and what states them."""
+"""Frames a second, and what states them: the quoted name of a field, or one of the following."""
+
+STATED = "--fps"
+"""Source of a rate that the user states."""
+
+_COMMENT, _NAME, _FOLDER = ELSEWHERE = ("a comment", "the file name", "the folder's name")
+"""Sources of rates that no field of a file states, which is worth a note."""
 
 # Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame, in small
 # letters with underscores. Single words that mean other things as well count where they are one number.
@@ -290,7 +298,7 @@ def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRa
     """
     named: list[StatedRate] = []
     with suppress(MotionError):  # a name that states 0 says nothing against a file
-        named = [(rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
+        named = [(rate, _NAME) for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
     agree = any(len(distinct_rates((own, other))) == 1 for own in rates for other in named)
     return [] if agree else distinct_rates(named)
 
@@ -298,8 +306,8 @@ def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRa
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
     told = [
-        *((rate, "a comment") for rate in rates_in_comments(comments)),
-        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
+        *((rate, _COMMENT) for rate in rates_in_comments(comments)),
+        *((rate, _NAME) for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
     ]
     folder = path.absolute().parent.name
-    return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(folder))))
+    return list(dict.fromkeys(told or ((rate, _FOLDER) for rate in rates_in_name(folder))))

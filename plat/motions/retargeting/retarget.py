@@ -21,7 +21,7 @@ from plat.motions.formats.clock import contradicting_name
 from plat.motions.formats.common import FrameRate
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.units import Angles
-from plat.motions.paths import find_files, listed_paths
+from plat.motions.paths import find_files, listed_paths, read_twice
 from plat.motions.retargeting.asf import read_amc
 from plat.motions.retargeting.builtin import find_map
 from plat.motions.retargeting.bvh import read_bvh
@@ -91,13 +91,16 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
 
     Args:
         patterns: paths, folders and globs.
-        told: is given a line for each copy of a file that was left out.
+        told: is given a line for each copy of a file that was left out, and for equal files that were not.
 
     Raises:
         MotionError: when there are none, or one of them names no file.
     """
     listed = listed_paths(patterns)
-    found = find_files(patterns, MOCAP_READERS, told=told)
+    equal: list[tuple[Path, Path]] | None = None if told is None else []
+    found = find_files(patterns, MOCAP_READERS, told=told, twice=equal)
+    if told is not None:
+        told += map(read_twice, equal or ())
     paths = [path for path in found if path in listed or _may_be_human(path)]
     if found and not paths:
         raise MotionError(
