@@ -408,7 +408,7 @@ def _with_sure_rates(
             kept.append(file)
         else:
             told = f"and {contradicting} such files {'beside it' if alone else 'among these'} do not fit the usual ones"
-            what = f"nothing states its frames a second, {told}: state --fps"
+            what = f"nothing states its frames a second, {told}: state it: plat motions convert --fps"
             unsure.append(MotionError(f"motion file {str(file.path)!r}: {what}"))
     return kept, unsure
 

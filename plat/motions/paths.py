@@ -22,7 +22,7 @@ _INSTEAD = {
     ".h5 .hdf5 .parquet .feather .mcap .bag .db3 .mat": "write root, joints and fps with np.savez, or a table (.csv)",
     ".zip .tar .gz .tgz .7z .rar .zst": "unpack it first",
     ".xml .mjcf": "keys of a model become keyframes: plat keyframes convert",
-    ".json .yaml .yml": "keyframes are for --keyframes; of motions write root, joints and fps with np.savez, or a .csv",
+    ".json .yaml .yml": "keyframes are for plat play --keyframes; of motions write root, joints and fps with np.savez",
     ".mp4 .mov .avi .mkv": "a video: motion is estimated from it by other programs, such as GVHMR",
 }
 

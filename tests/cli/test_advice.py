@@ -82,3 +82,20 @@ def test_options_of_named_commands_exist():
                 for command in re.findall(COMMAND, named):
                     known = {f"--{name.replace('_', '-')}" for name, _ in settings_of(command)}
                     assert option in known, f"{path}: plat {command} has no {option}"
+
+
+def test_what_reads_motions_names_the_command_of_an_option():
+    """Every command that takes motions reads them, and most have no options that say how."""
+    own = {
+        "validation.py",  # the verdicts of plat motions inspect
+        "clock.py: --fps",  # the source of a rate
+        "axes.py: --map",  # beside --up, of plat motions retarget
+    }
+    bare = {
+        f"{path.name}: {option}"
+        for path in (ROOT / "plat" / "motions").rglob("*.py")
+        for text in texts(path)
+        for option in re.findall(r"(?<![\w-])--[a-z][\w.-]+", text)
+        if not re.search(rf"{COMMAND}[^;]* {option}", text)
+    }
+    assert {one for one in bare if not {one, one.partition(":")[0]} & own} == set()

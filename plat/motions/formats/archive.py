@@ -113,7 +113,7 @@ def take_rates(arrays: dict[str, np.ndarray], fps: float | None, path: Path | No
     if not rates and path is not None:
         rates = distinct_rates(stated_rates(path, []))
     if not rates:
-        raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
+        raise MotionError("no array 'fps', expected the frames a second (or state them: plat motions convert --fps)")
     times = [name for name, array in arrays.items() if array.ndim == 1 and tells_time(name)]
     for name in (RATE,) if marked else (*(name for name in rate_fields(arrays) if arrays[name].ndim < 2), *times):
         arrays.pop(name, None)

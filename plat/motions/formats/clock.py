@@ -80,14 +80,17 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
     """
     if not np.isfinite(times).all():
         frame = int(np.isfinite(times).argmin())
-        raise MotionError(f"the time of frame {frame} is {times[frame]}, expected a finite number (or state --fps)")
+        raise MotionError(
+            f"the time of frame {frame} is {times[frame]}, expected a finite number (or state them: "
+            "plat motions convert --fps)"
+        )
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0 or (steps <= 0).any() or steps.max() > _GAP * usual:
         row = int(np.argmax((steps <= 0) | (steps > _GAP * usual))) if len(steps) else 0
         raise MotionError(
             f"the time goes on by {steps[row] if len(steps) else 0:g} at row {row + 2}, by {usual:g} elsewhere; "
-            "expected even steps (or state --fps)"
+            "expected even steps (or state them: plat motions convert --fps)"
         )
     mean = float(steps.mean())
     stated = [_UNITS[unit]] if unit in _UNITS else []
@@ -95,7 +98,10 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
         if LIKELY[0] <= 1 / (mean * seconds) <= LIKELY[1]:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
-    raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
+    raise MotionError(
+        f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state it: "
+        "plat motions convert --fps"
+    )
 
 
 def evenly_timed(clip: MotionClip, times: np.ndarray) -> MotionClip:
@@ -285,7 +291,7 @@ def distinct_rates(stated: Iterable[StatedRate]) -> list[StatedRate]:
 def contradiction(rates: Sequence[StatedRate]) -> MotionError:
     """Return the error of a file that states several rates."""
     told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
-    return MotionError(f"it states {told} frames a second; state which: --fps {rates[-1][0]:g}")
+    return MotionError(f"it states {told} frames a second; state which: plat motions convert --fps {rates[-1][0]:g}")
 
 
 def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRate]:

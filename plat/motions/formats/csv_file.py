@@ -203,12 +203,14 @@ def _rate(
     for column, (name, text) in table.texts.items():
         if is_time(name):
             raise MotionError(
-                f"column {column + 1} ({name!r:.40}) holds {text!r:.40}, expected a number or a time (or state --fps)"
+                f"column {column + 1} ({name!r:.40}) holds {text!r:.40}, expected a number or a time (or state them: "
+                "plat motions convert --fps)"
             )
     pace = Pace(clip, options.robot)
     if against := pace.against(_USUAL_FPS):
         raise UnfitRateError(
-            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state --fps"
+            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state it: "
+            "plat motions convert --fps"
         )
     if confirmed := pace.confirmed_by(_USUAL_FPS):
         return _USUAL_FPS, (f"fps assumed, and its {confirmed} fit",), True

@@ -310,7 +310,7 @@ def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
     rates = rates_of_fields({name: _unwrap(value) for name, value in fields.items()})
     rates = rates or distinct_rates(stated_rates(path, []))
     if not rates:
-        raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
+        raise MotionError("no field 'fps', expected the frames a second (or state them: plat motions convert --fps)")
     return rates
 
 

@@ -224,7 +224,7 @@ def _in_shown_unit(
         rests = " and ".join(f"in {unit}" for unit in lying) or "in no unit"
         doubt = (
             f"the unit of places is not to be told: {field!r} has the root of a robot that lies at {median:.4g}, and "
-            f"it rests on the floor {rests}; state it: --units"
+            f"it rests on the floor {rests}; state it: plat motions convert --units"
         )
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
@@ -235,11 +235,14 @@ def _in_shown_unit(
             told = f"root position in {unit}: it is {height:.0f} times as high as in meters"
             return Converted(root_pos * meters, (told,), doubt)
     if largest > _FARTHEST:
-        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: --units)")
+        raise MotionError(
+            f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: "
+            "plat motions convert --units)"
+        )
     if abs(height) > _HIGHEST:
         raise MotionError(
             f"{field!r} has the root {height * need:.4g} above the floor, expected meters: the legs reach {need:.2f} "
-            "(or state the unit: --units)"
+            "(or state the unit: plat motions convert --units)"
         )
     return Converted(root_pos)
 

@@ -162,11 +162,13 @@ def read_capture(path: str | Path, fps: float | None = None, angles: Angles | No
         return mocap
     if not FPS[0] <= mocap.fps <= FPS[1]:
         raise MotionError(
-            f"{where}: it states {mocap.fps:.3g} frames a second, expected {FPS[0]:g} to {FPS[1]:g}; state it: --fps"
+            f"{where}: it states {mocap.fps:.3g} frames a second, expected {FPS[0]:g} to {FPS[1]:g}; state it: "
+            "plat motions convert --fps"
         )
     named = contradicting_name(path, [(mocap.fps, "it states")])
     told = [
-        f"{mocap.fps:g} fps as it states, though the file name says {rate:g} (else: --fps)" for rate, _ in named[:1]
+        f"{mocap.fps:g} fps as it states, though the file name says {rate:g} (else: plat motions convert --fps)"
+        for rate, _ in named[:1]
     ]
     return replace(mocap, notes=(*mocap.notes, *told))
 
