@@ -96,6 +96,23 @@ def test_misuse_is_one_line_with_the_flag(words, message, monkeypatch):
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("command", "words", "field"),
+    [
+        ("play", ["--keyframes", "", "--policy", "x"], "--keyframes"),
+        ("keyframes", ["show", ""], "PATH"),
+        ("keyframes", ["around", "a.json", "--out", ""], "--out"),
+        ("motions", ["inspect", "a.npz", "--out", ""], "--out"),
+        ("evaluate", ["", "--motions", "x"], "PATH"),
+        ("refine", ["--motions", "x", "--out", "o", "--student", ""], "--student"),
+    ],
+)
+def test_an_empty_path_is_not_the_working_directory(command, words, field):
+    told = r"(is empty, expected a path|Could not find valid parse for arguments: \[''\])"  # of several, tyro's words
+    with pytest.raises(SystemExit, match=rf"^error: .*{field}.*: {told}; see plat {command}"):
+        parse(COMMANDS[command].kind(), words, prog=f"plat {command}")
+
+
 def test_what_is_missing_is_named():
     with pytest.raises(SystemExit, match=r"^error: missing: --motions .*, --out PATH; see plat expert --help$"):
         parse(ExpertRecipe, [], prog="plat expert")
