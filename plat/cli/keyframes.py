@@ -153,8 +153,6 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     poses, told, heard = _poses(command, robot)
     for line in told:
         print(line)
-    if not poses:
-        raise KeyframeError(f"{str(command.file)!r}: no keyframes, expected at least one")
     if poses[0].time > 0:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
@@ -250,6 +248,8 @@ def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], lis
     content = keyframe_json(command.file)
     if holds_keyframes(content):
         start, others = keyframes_of(content, command.file, robot)
+        if not others:
+            raise KeyframeError(f"keyframe file {str(command.file)!r}: no keyframes, expected at least one")
         _check_partial(command, start, others)
         return [*([] if start is None else [start]), *others], [], ""
     poses, left_out = constraints_of(content, command.file, robot, command.fps)

@@ -469,7 +469,7 @@ def draw_maps(command: Map) -> list[Path]:
         wrong += bool(told)
         print(f"{path}: {kind} map {skeleton.name!r}{f', {told}' if told else ''}; wrote {written[-1]}")
     if wrong:
-        raise MotionError(f"{wrong} of {len(paths)} files have no map, or one that looks wrong; see above")
+        raise MotionError(f"no map, or one that looks wrong: {wrong} of {counted(len(paths), 'file')}; see above")
     return written
 
 

@@ -31,6 +31,7 @@ from plat.control import (
     record,
     tally,
 )
+from plat.control.chase import check_parts_are_seen
 from plat.control.shoves import Shoves
 from plat.errors import ActionError, KeyframeError
 from plat.files import TABLES, check_file, replace_table
@@ -72,7 +73,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         check_video(recipe.video)
         stage = Stage(robot)
     simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
-    chase = Chase(PolicyController(policy.deployed(), robot, timing), sequence, simulator, hold=recipe.hold)
+    controller = PolicyController(policy.deployed(), robot, timing)
+    check_parts_are_seen(sequence, controller, recipe.keyframes)
+    chase = Chase(controller, sequence, simulator, hold=recipe.hold)
     scorer = KeyframeScorer(robot, recipe.reach)
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None

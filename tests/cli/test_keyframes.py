@@ -207,13 +207,17 @@ def test_what_is_written_can_be_read(tmp_path):
     keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "close.xml", out=tmp_path / "out.xml"))
 
 
-def test_a_file_without_keyframes_is_refused(tmp_path):
+@pytest.mark.parametrize("start", [True, False])
+@pytest.mark.parametrize("out", ["out.xml", "out.json"])
+def test_a_file_without_keyframes_is_refused(tmp_path, start, out):
     write_keyframes(tmp_path / "some.json", G1, standing(G1), [standing(G1).at(1.0)])
     content = json.loads((tmp_path / "some.json").read_text())
-    del content["start"]
+    if not start:
+        del content["start"]
     (tmp_path / "none.json").write_text(json.dumps({**content, "keyframes": []}))
     with pytest.raises(KeyframeError, match=r"none.json': no keyframes, expected at least one"):
-        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "none.json", out=tmp_path / "out.xml"))
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "none.json", out=tmp_path / out))
+    assert not (tmp_path / out).exists()
 
 
 @pytest.mark.parametrize("more", [{}, {"kimodo": True}])
