@@ -28,7 +28,7 @@ from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
-from plat.words import counted
+from plat.words import counted, in_table
 
 # of times that are written (s)
 _ROUNDING = 1e-6
@@ -89,16 +89,18 @@ def show(command: Show) -> KeyframeSequence:
         places = zip(keyframe.root_pos, parts.root_place, strict=True)
         root = " ".join(f"{value:>6.2f}" if commanded else f"{'-':>6}" for value, commanded in places)
         print(
-            f"{index:>3}  {keyframe.name or '':<20.20}  {keyframe.time:>7.2f}  {arrival - step:>5}  {root:>20}  "
+            f"{index:>3}  {in_table(keyframe.name):<20.20}  {keyframe.time:>7.2f}  {arrival - step:>5}  {root:>20}  "
             f"{_most_changed(before, keyframe, parts, robot)}"
         )
         if not keyframe.whole:
             print(f"     commands {_words(parts, robot)}")
         before, step = keyframe, arrival
+    lengths = [after - before for before, after in pairwise((0, *sequence.arrival_steps))]
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:
             way = any(concern.measure == "way_penetration" for concern in concerns)
-            advice = f": {_led_around(command)} puts one between" if way and not command.split else ""
+            room = lengths[index] > 1 and not command.split
+            advice = f": {_led_around(command)} puts one between" if way and room else ""
             print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}{advice}")
     return sequence
 
@@ -117,7 +119,10 @@ def around(command: Around) -> KeyframeSequence:
     check_file(command.out, suffixes=(".json",))
     keep_sources([command.file], [command.out])
     drawn = KeyframeSequence.load(command.file, get_robot(command.robot), timing=command.timing)
-    sequence = lead_around(drawn)
+    try:
+        sequence = lead_around(drawn)
+    except KeyframeError as error:
+        raise KeyframeError(f"keyframe file {str(command.file)!r}: {error}") from None
     sequence.save(command.out)
     added = len(sequence) - len(drawn)
     told = f"{added} of them on the way to others" if added else "as they were: every straight way is clear"

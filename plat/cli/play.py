@@ -41,6 +41,7 @@ from plat.robots import get_robot
 from plat.runs import load_policy
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing, timing_of
+from plat.words import in_table
 
 LONGEST_HOLD = 3600.0
 """Most seconds of a hold without a viewer: each step of it is kept."""
@@ -111,7 +112,7 @@ def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None, window:
     for score in scores:
         success = "yes" if score.success else "no"
         print(
-            f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
+            f"{score.index:>3}  {in_table(score.name):<20.20}  {score.time:>6.2f}  {success:<5}  "
             f"{error_text(score.joint_error):>11}  {distance_text(score.keypoint_error):>10}  {score.words}"
         )
     print(summary(scores, window))

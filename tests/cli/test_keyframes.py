@@ -112,6 +112,24 @@ def test_the_command_that_leads_around_is_for_the_same_file_robot_and_timing(tmp
     assert "plat keyframes around" not in capsys.readouterr().out  # which splits nothing
 
 
+def test_a_step_has_no_room_for_a_keyframe_on_its_way(tmp_path, capsys):
+    file = tmp_path / "tight.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW.at(ABOVE.time + 0.02)))
+    keyframes.main(keyframes.Show(file=file))
+    assert "on the straight way there\n" in capsys.readouterr().out  # and no command that would be refused
+    with pytest.raises(KeyframeError, match=r"tight.json': keyframe at 1.02 s: a control step after the one before"):
+        keyframes.main(keyframes.Around(file=file, out=tmp_path / "out.json"))
+
+
+def test_names_stay_in_their_rows(tmp_path, capsys):
+    names = ("a\nb", "\x1b[31mred")
+    poses = [replace(standing(G1).at(0.5 * number), name=name) for number, name in enumerate(names, 1)]
+    write_keyframes(tmp_path / "odd.json", G1, standing(G1), poses)
+    keyframes.main(keyframes.Show(file=tmp_path / "odd.json"))
+    rows = capsys.readouterr().out.splitlines()
+    assert [row[5:20].strip() for row in rows[2:4]] == ["a\\nb", "\\x1b[31mred"]
+
+
 def test_one_keyframe_is_called_one(tmp_path, capsys):
     write_keyframes(tmp_path / "one.json", G1, standing(G1), [standing(G1).at(0.5)])
     keyframes.main(keyframes.Show(file=tmp_path / "one.json"))
