@@ -55,8 +55,9 @@ def _clip(command: FromMotion) -> MotionClip:
     clips = make(command.motion, get_robot(command.robot))
     chosen = [clip for clip in clips if command.clip in (clip.name, None)]
     if len(chosen) != 1:
+        told = "its name" if len(clips) == 1 else f"the name of one of {len(clips)}"
         names = ", ".join(clip.name for clip in clips[:5]) + (", ..." if len(clips) > 5 else "")
-        raise KeyframeError(f"motion {command.motion!r}: expected --clip with the name of one of {len(clips)}: {names}")
+        raise KeyframeError(f"motion {command.motion!r}: expected --clip with {told}: {names}")
     return chosen[0]
 
 

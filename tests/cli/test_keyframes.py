@@ -52,6 +52,9 @@ def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
     assert [keyframe.time for keyframe in made.keyframes] == [0.5, 1.0]
     with pytest.raises(KeyframeError, match=f"expected --clip .* one of 2: {clips[0].name}, {clips[1].name}$"):
         keyframes.main(keyframes.FromMotion(**recipe, times=(0.5,)))
+    save_motions(tmp_path / "two.npz", clips[:1])
+    with pytest.raises(KeyframeError, match=f"expected --clip with its name: {clips[0].name}$"):
+        keyframes.main(keyframes.FromMotion(**recipe, clip="other", times=(0.5,)))
 
 
 @pytest.mark.parametrize(
