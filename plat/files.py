@@ -243,7 +243,7 @@ def as_path(path: object, what: str, error: type[PlatError]) -> Path:
         error: class of what is raised.
 
     Raises:
-        PlatError: of the class ``error``, for what is no path.
+        PlatError: of the class ``error``, for what is no path, or an empty text.
 
     >>> as_path(5, "motion file", OutputError)
     Traceback (most recent call last):
@@ -251,6 +251,8 @@ def as_path(path: object, what: str, error: type[PlatError]) -> Path:
     """
     if not isinstance(path, (str, os.PathLike)):
         raise error(f"{what} {path!r:.60}: expected a path")
+    if path == "":  # it would be the working directory
+        raise error(f"{what} '': is empty, expected a path")
     return Path(path)
 
 

@@ -1,10 +1,10 @@
-"""Numbers of things in words, for messages."""
+"""Numbers of things in words, and names in tables, for messages."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 
-__all__ = ["beyond", "counted", "perhaps"]
+__all__ = ["beyond", "counted", "in_table", "perhaps"]
 
 
 def beyond(value: float, limit: float, digits: int = 2) -> str:
@@ -31,6 +31,15 @@ def counted(number: float, what: str, many: str = "") -> str:
     """
     shown = f"{number:,}" if isinstance(number, Integral) else f"{number:g}"
     return f"{shown} {what if number == 1 else many or what + 's'}"
+
+
+def in_table(name: str | None) -> str:
+    r"""Return a name as it stands in a row of a table, where a line break or a terminal's command would be another.
+
+    >>> in_table("wave\n1"), in_table("\x1b[31mred"), in_table("hält"), in_table(None)
+    ('wave\\n1', '\\x1b[31mred', 'hält', '')
+    """
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in name or "")
 
 
 def perhaps(name: object, known: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plat.deploy import PolicyRunner
-from plat.errors import OutputError, PlatError
+from plat.errors import KeyframeError, MotionError, OutputError, PlatError
 from plat.export import export_bundle
 from plat.files import (
     FILES,
@@ -23,6 +23,7 @@ from plat.files import (
 )
 from plat.keyframes import KeyframeSequence, standing
 from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions
+from plat.motions.files import motion_paths
 from plat.motions.readers import READERS
 from plat.robots import G1
 from plat.runs import SavedRun
@@ -196,3 +197,11 @@ def test_files_are_written_whole_everywhere():
         "plat/studio/session.py",  # in a temporary folder
         "plat/collectors/worker.py",  # likewise
     }
+
+
+def test_an_empty_name_is_not_the_working_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MotionError, match="motion file '': is empty, expected a path"):
+        motion_paths(["", "a.npz"])
+    with pytest.raises(KeyframeError, match="keyframe file '': is empty, expected a path"):
+        KeyframeSequence.load("", G1)

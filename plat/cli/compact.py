@@ -1,4 +1,4 @@
-"""Settings that are one flag on the command line: groups of numbers that few change, and reward terms.
+"""Rules for settings on the command line: groups of numbers that few change, reward terms, and paths.
 
 --task.reset-noise root_pos_xy=0.3,yaw=0.1
 --task.randomization push_interval=2:6,control_delay=0.25
@@ -8,6 +8,7 @@
 import dataclasses
 import types
 import typing
+from pathlib import Path
 from typing import Any
 
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -105,6 +106,7 @@ def registry() -> ConstructorRegistry:
     rules = ConstructorRegistry()
     rules.primitive_rule(_group)
     rules.primitive_rule(_term)
+    rules.primitive_rule(_path)
     return rules
 
 
@@ -121,6 +123,24 @@ def _group(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         is_instance=lambda value: isinstance(value, kind) or (optional and value is None),
         str_from_instance=lambda value: ["none" if value is None else group_text(value)],
     )
+
+
+def _path(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Path] | None:
+    if info.type is not Path:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="PATH",
+        instance_from_str=lambda args: _path_from_text(args[0]),
+        is_instance=lambda value: isinstance(value, Path),
+        str_from_instance=lambda path: [str(path)],
+    )
+
+
+def _path_from_text(text: str) -> Path:
+    if not text:  # of a shell's variable that is not set; it would be the working directory
+        raise ValueError("is empty, expected a path")
+    return Path(text)
 
 
 def _term(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[TrackingTerm] | None:

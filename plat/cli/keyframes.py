@@ -6,7 +6,9 @@ plat keyframes around crossed_arms.json --out led_around.json
 plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
+import shlex
 from collections.abc import Sequence
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +20,7 @@ from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import holds_keyframes, keyframe_json, keyframes_of, write_keyframes
+from plat.keyframes.keyframe import check_whole
 from plat.keyframes.kimodo import constraints_of, write_constraints
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
@@ -25,7 +28,7 @@ from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot
 from plat.spec.parts import Parts
 from plat.spec.timing import Timing
-from plat.words import counted
+from plat.words import counted, in_table
 
 # of times that are written (s)
 _ROUNDING = 1e-6
@@ -52,8 +55,9 @@ def _clip(command: FromMotion) -> MotionClip:
     clips = make(command.motion, get_robot(command.robot))
     chosen = [clip for clip in clips if command.clip in (clip.name, None)]
     if len(chosen) != 1:
+        told = "its name" if len(clips) == 1 else f"the name of one of {len(clips)}"
         names = ", ".join(clip.name for clip in clips[:5]) + (", ..." if len(clips) > 5 else "")
-        raise KeyframeError(f"motion {command.motion!r}: expected --clip with the name of one of {len(clips)}: {names}")
+        raise KeyframeError(f"motion {command.motion!r}: expected --clip with {told}: {names}")
     return chosen[0]
 
 
@@ -86,18 +90,29 @@ def show(command: Show) -> KeyframeSequence:
         places = zip(keyframe.root_pos, parts.root_place, strict=True)
         root = " ".join(f"{value:>6.2f}" if commanded else f"{'-':>6}" for value, commanded in places)
         print(
-            f"{index:>3}  {keyframe.name or '':<20.20}  {keyframe.time:>7.2f}  {arrival - step:>5}  {root:>20}  "
+            f"{index:>3}  {in_table(keyframe.name):<20.20}  {keyframe.time:>7.2f}  {arrival - step:>5}  {root:>20}  "
             f"{_most_changed(before, keyframe, parts, robot)}"
         )
         if not keyframe.whole:
             print(f"     commands {_words(parts, robot)}")
         before, step = keyframe, arrival
+    lengths = [after - before for before, after in pairwise((0, *sequence.arrival_steps))]
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:
             way = any(concern.measure == "way_penetration" for concern in concerns)
-            advice = f": plat keyframes around {command.file} puts one between" if way else ""
+            room = lengths[index] > 1 and not command.split
+            advice = f": {_led_around(command)} puts one between" if way and room else ""
             print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}{advice}")
     return sequence
+
+
+def _led_around(command: Show) -> str:
+    """Return the command line that puts keyframes on the ways of the file that is shown."""
+    out = command.file.with_name(f"{command.file.stem}_around.json")
+    robot = f" --robot {shlex.quote(command.robot)}" if command.robot != type(command).robot else ""
+    changed = [one for one in fields(Timing) if getattr(command.timing, one.name) != one.default]
+    timing = "".join(f" --timing.{one.name.replace('_', '-')} {getattr(command.timing, one.name)}" for one in changed)
+    return f"plat keyframes around {shlex.quote(str(command.file))} --out {shlex.quote(str(out))}{robot}{timing}"
 
 
 def around(command: Around) -> KeyframeSequence:
@@ -105,7 +120,10 @@ def around(command: Around) -> KeyframeSequence:
     check_file(command.out, suffixes=(".json",))
     keep_sources([command.file], [command.out])
     drawn = KeyframeSequence.load(command.file, get_robot(command.robot), timing=command.timing)
-    sequence = lead_around(drawn)
+    try:
+        sequence = lead_around(drawn)
+    except KeyframeError as error:
+        raise KeyframeError(f"keyframe file {str(command.file)!r}: {error}") from None
     sequence.save(command.out)
     added = len(sequence) - len(drawn)
     told = f"{added} of them on the way to others" if added else "as they were: every straight way is clear"
@@ -141,8 +159,6 @@ def convert(command: ConvertKeyframes) -> list[Keyframe]:
     poses, told, heard = _poses(command, robot)
     for line in told:
         print(line)
-    if not poses:
-        raise KeyframeError(f"{str(command.file)!r}: no keyframes, expected at least one")
     if poses[0].time > 0:
         poses.insert(0, standing(robot))
     _check_order(command, poses)
@@ -211,10 +227,8 @@ def _check_partial(command: ConvertKeyframes, start: Keyframe | None, others: Se
         KeyframeError: naming the file and its keyframe.
     """
     where = f"keyframe file {str(command.file)!r}"
-    for number, keyframe in enumerate(others):
-        if not keyframe.whole and not _to_keyframes(command):
-            form = "these constraints are of whole ones" if command.kimodo else "MJCF has whole ones only"
-            raise KeyframeError(f"{where}: keyframe {number}: it commands parts of a pose, and {form}")
+    if not _to_keyframes(command):  # the writers know only the file that they write
+        check_whole(others, where, "these constraints" if command.kimodo else "MJCF keys")
     if start is None and others and others[0].time == 0 and not others[0].whole:
         raise KeyframeError(
             f"{where}: keyframe 0: time is 0 s, expected at least {Timing().control_dt:g} s after 0 s: as the start it "
@@ -240,6 +254,8 @@ def _poses(command: ConvertKeyframes, robot: Robot) -> tuple[list[Keyframe], lis
     content = keyframe_json(command.file)
     if holds_keyframes(content):
         start, others = keyframes_of(content, command.file, robot)
+        if not others:
+            raise KeyframeError(f"keyframe file {str(command.file)!r}: no keyframes, expected at least one")
         _check_partial(command, start, others)
         return [*([] if start is None else [start]), *others], [], ""
     poses, left_out = constraints_of(content, command.file, robot, command.fps)

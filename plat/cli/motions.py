@@ -70,7 +70,7 @@ from plat.motions.retargeting.retarget import TURNED
 from plat.rendering import RenderingError, Stage, stills
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
-from plat.words import counted
+from plat.words import counted, in_table
 
 SHEET_COLUMNS = 8
 _SHORTEST = Timing().control_dt  # the shortest command, without which no policy has a use for a clip
@@ -390,7 +390,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         made.append(result)
         clip, frames = result.clip, len(result.clip.qpos)
         print(
-            f"{clip.name:<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
+            f"{in_table(clip.name):<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
             f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
             f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes) or 'as stated'}",
             flush=True,
@@ -469,7 +469,7 @@ def draw_maps(command: Map) -> list[Path]:
         wrong += bool(told)
         print(f"{path}: {kind} map {skeleton.name!r}{f', {told}' if told else ''}; wrote {written[-1]}")
     if wrong:
-        raise MotionError(f"{wrong} of {len(paths)} files have no map, or one that looks wrong; see above")
+        raise MotionError(f"no map, or one that looks wrong: {wrong} of {counted(len(paths), 'file')}; see above")
     return written
 
 
@@ -561,14 +561,15 @@ def with_doubt(file: MotionFile, clip: MotionClip, report: MotionReport) -> str:
 
 def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None:
     """Print one row a clip, and a line about all; ``read_as`` is what each was taken for."""
-    width = max(len("clip"), *(min(len(report.name), 44) for report in reports))
+    width = max(len("clip"), *(min(len(in_table(report.name)), 44) for report in reports))
     print(
         f"\n{'clip':<{width}}  {'length':>7}  {'limits':>7}  {'speed':>6}  {'sunk':>5}  {'float':>5}  {'slip':>5}  "
         f"{'self':>5}  {'jumps':>5}  verdict  [read as]\n"
         f"{'':<{width}}  {'s':>7}  {'rad':>7}  {'rad/s':>6}  {'cm':>5}  {'cm':>5}  {'m/s':>5}  {'cm':>5}"
     )
     for report, told in zip(reports, read_as, strict=True):
-        name = report.name if len(report.name) <= width else f"{report.name[: width - 1]}…"
+        name = in_table(report.name)
+        name = name if len(name) <= width else f"{name[: width - 1]}…"
         print(
             f"{name:<{width}}  {report.seconds:>7.2f}  {report.joint_excess:>7.3f}  {report.joint_speed:>6.1f}  "
             f"{100 * report.penetration:>5.1f}  {100 * report.floating:>5.1f}  {report.slip:>5.2f}  "

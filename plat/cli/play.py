@@ -31,6 +31,7 @@ from plat.control import (
     record,
     tally,
 )
+from plat.control.chase import check_parts_are_seen
 from plat.control.shoves import Shoves
 from plat.errors import ActionError, KeyframeError
 from plat.files import TABLES, check_file, replace_table
@@ -40,6 +41,7 @@ from plat.robots import get_robot
 from plat.runs import load_policy
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing, timing_of
+from plat.words import in_table
 
 LONGEST_HOLD = 3600.0
 """Most seconds of a hold without a viewer: each step of it is kept."""
@@ -72,7 +74,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
         check_video(recipe.video)
         stage = Stage(robot)
     simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
-    chase = Chase(PolicyController(policy.deployed(), robot, timing), sequence, simulator, hold=recipe.hold)
+    controller = PolicyController(policy.deployed(), robot, timing)
+    check_parts_are_seen(sequence, controller, recipe.keyframes)
+    chase = Chase(controller, sequence, simulator, hold=recipe.hold)
     scorer = KeyframeScorer(robot, recipe.reach)
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)
     viewer = Viewer(simulator) if recipe.viewer else None
@@ -108,7 +112,7 @@ def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None, window:
     for score in scores:
         success = "yes" if score.success else "no"
         print(
-            f"{score.index:>3}  {score.name or '':<20.20}  {score.time:>6.2f}  {success:<5}  "
+            f"{score.index:>3}  {in_table(score.name):<20.20}  {score.time:>6.2f}  {success:<5}  "
             f"{error_text(score.joint_error):>11}  {distance_text(score.keypoint_error):>10}  {score.words}"
         )
     print(summary(scores, window))

@@ -79,6 +79,8 @@ def one_line(box: str) -> str:
     if meant := re.findall(r"^ +(--[a-z][\w.-]+)", "".join(similar), re.MULTILINE):
         text += f"; perhaps you meant {' or '.join(dict.fromkeys(meant))}"
     text = text.replace("invalid literal for int() with base 10:", "expected a whole number, not")
+    # of several values tyro does not say which is wrong, and why
+    text = text.replace("Could not find valid parse for arguments:", "expected other values than")
     text = text.replace("could not convert string to float:", "expected a number, not")
     helped = re.search(r"plat [\w -]+ --help", box)
     return text.rstrip(".") + (f"; see {helped[0]}" if helped else "")

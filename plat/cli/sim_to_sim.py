@@ -23,6 +23,7 @@ from plat.control import (
     mean_errors,
 )
 from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, physics_settings
+from plat.control.chase import check_parts_are_seen
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, KeyframeError
@@ -50,6 +51,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     for path in recipe.keyframes:
         tell = lambda interval, path=path: long.append(f"{path}: {interval.words}")  # noqa: E731
         sequences.append(KeyframeSequence.load(path, robot, split=recipe.split, timing=timing, tell=tell))
+        check_parts_are_seen(sequences[-1], runner, path)
     names = [str(path) for path in recipe.keyframes]
     for line in long:  # after all files were read: one of them may be refused
         print(line)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ from plat.keyframes import Command, Keyframe, KeyframeSequence
 from plat.spec.parts import whole_only
 from plat.spec.timing import Timing
 
-__all__ = ["Chase", "ChaseStep", "Controller"]
+__all__ = ["Chase", "ChaseStep", "Controller", "check_parts_are_seen"]
 
 
 class Controller(Protocol):
@@ -178,9 +179,24 @@ class Chase(Iterator[ChaseStep]):
         return ChaseStep(self.time, command, holding, before, self._joint_target, after, reference, timing, root, ends)
 
 
-def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:
-    """Return a sequence at the timing of a controller that can follow it."""
+def check_parts_are_seen(sequence: KeyframeSequence, controller: Controller, file: Path | None = None) -> None:
+    """Raise an error for a partial keyframe that a controller would take for a whole one.
+
+    Args:
+        sequence: the keyframes.
+        controller: that is to follow them.
+        file: that they are of.
+
+    Raises:
+        KeyframeError: naming the file and the keyframe.
+    """
     partial = sequence.partial
     if partial is not None and not getattr(controller, "sees_parts", True):
-        raise KeyframeError(whole_only(partial))
+        where = "" if file is None else f"keyframe file {str(file)!r}: "
+        raise KeyframeError(f"{where}{whole_only(partial)}")
+
+
+def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:
+    """Return a sequence at the timing of a controller that can follow it."""
+    check_parts_are_seen(sequence, controller)
     return sequence.with_timing(controller.timing)

@@ -1,18 +1,20 @@
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from plat.cli import keyframes
+from plat.cli import keyframes, main
 from plat.errors import KeyframeError, MotionError, OutputError, PlatError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
 from plat.keyframes.mjcf import write_mjcf_keys
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.crossed import ABOVE, BELOW
 
 ROOT = Path(__file__).parents[2]
@@ -50,6 +52,9 @@ def test_times_and_a_clip_of_a_file_are_chosen(tmp_path):
     assert [keyframe.time for keyframe in made.keyframes] == [0.5, 1.0]
     with pytest.raises(KeyframeError, match=f"expected --clip .* one of 2: {clips[0].name}, {clips[1].name}$"):
         keyframes.main(keyframes.FromMotion(**recipe, times=(0.5,)))
+    save_motions(tmp_path / "two.npz", clips[:1])
+    with pytest.raises(KeyframeError, match=f"expected --clip with its name: {clips[0].name}$"):
+        keyframes.main(keyframes.FromMotion(**recipe, clip="other", times=(0.5,)))
 
 
 @pytest.mark.parametrize(
@@ -88,7 +93,7 @@ def test_arms_are_led_around(tmp_path, capsys):
     assert capsys.readouterr().out == f"wrote {out}: 3 keyframes, 1 of them on the way to others\n"
     assert [keyframe.time for keyframe in KeyframeSequence.load(out, G1).keyframes] == [1.0, 1.5, 2.0]
     keyframes.main(keyframes.Show(file=file))
-    assert "on the straight way there: plat keyframes around" in capsys.readouterr().out
+    assert f"on the straight way there: plat keyframes around {file} --out" in capsys.readouterr().out
     keyframes.main(keyframes.Show(file=out))
     assert "may be out of reach" not in capsys.readouterr().out
     assert len(led) == 3
@@ -96,6 +101,36 @@ def test_arms_are_led_around(tmp_path, capsys):
     assert capsys.readouterr().out.endswith("again.json: 3 keyframes, as they were: every straight way is clear\n")
     with pytest.raises(OutputError, match="crossed.json"):
         keyframes.main(keyframes.Around(file=file, out=file))
+
+
+def test_the_command_that_leads_around_is_for_the_same_file_robot_and_timing(tmp_path, capsys):
+    file = tmp_path / "crossed arms.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW.at(3.0)))
+    keyframes.main(keyframes.Show(file=file, timing=Timing(max_steps=150)))
+    advised = re.search("plat (keyframes around .*) puts one between", capsys.readouterr().out)[1]
+    assert advised.endswith(" --timing.max-steps 150")
+    main(shlex.split(advised))
+    assert len(KeyframeSequence.load(tmp_path / "crossed arms_around.json", G1, timing=Timing(max_steps=150))) == 3
+    keyframes.main(keyframes.Show(file=file, split=True))
+    assert "plat keyframes around" not in capsys.readouterr().out  # which splits nothing
+
+
+def test_a_step_has_no_room_for_a_keyframe_on_its_way(tmp_path, capsys):
+    file = tmp_path / "tight.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW.at(ABOVE.time + 0.02)))
+    keyframes.main(keyframes.Show(file=file))
+    assert "on the straight way there\n" in capsys.readouterr().out  # and no command that would be refused
+    with pytest.raises(KeyframeError, match=r"tight.json': keyframe at 1.02 s: a control step after the one before"):
+        keyframes.main(keyframes.Around(file=file, out=tmp_path / "out.json"))
+
+
+def test_names_stay_in_their_rows(tmp_path, capsys):
+    names = ("a\nb", "\x1b[31mred")
+    poses = [replace(standing(G1).at(0.5 * number), name=name) for number, name in enumerate(names, 1)]
+    write_keyframes(tmp_path / "odd.json", G1, standing(G1), poses)
+    keyframes.main(keyframes.Show(file=tmp_path / "odd.json"))
+    rows = capsys.readouterr().out.splitlines()
+    assert [row[5:20].strip() for row in rows[2:4]] == ["a\\nb", "\\x1b[31mred"]
 
 
 def test_one_keyframe_is_called_one(tmp_path, capsys):
@@ -193,13 +228,17 @@ def test_what_is_written_can_be_read(tmp_path):
     keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "close.xml", out=tmp_path / "out.xml"))
 
 
-def test_a_file_without_keyframes_is_refused(tmp_path):
+@pytest.mark.parametrize("start", [True, False])
+@pytest.mark.parametrize("out", ["out.xml", "out.json"])
+def test_a_file_without_keyframes_is_refused(tmp_path, start, out):
     write_keyframes(tmp_path / "some.json", G1, standing(G1), [standing(G1).at(1.0)])
     content = json.loads((tmp_path / "some.json").read_text())
-    del content["start"]
+    if not start:
+        del content["start"]
     (tmp_path / "none.json").write_text(json.dumps({**content, "keyframes": []}))
     with pytest.raises(KeyframeError, match=r"none.json': no keyframes, expected at least one"):
-        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "none.json", out=tmp_path / "out.xml"))
+        keyframes.main(keyframes.ConvertKeyframes(file=tmp_path / "none.json", out=tmp_path / out))
+    assert not (tmp_path / out).exists()
 
 
 @pytest.mark.parametrize("more", [{}, {"kimodo": True}])
@@ -343,7 +382,7 @@ def test_a_partial_keyframe_that_cannot_be_converted_is_named_as_in_its_file(tmp
         content = json.loads(drawn.read_text())
         del content["start"]
         drawn.write_text(json.dumps(content))
-    with pytest.raises(KeyframeError, match=r"p.json': keyframe 1: it commands parts of a pose, and .* whole ones"):
+    with pytest.raises(KeyframeError, match=r"p.json': keyframe 1 commands parts of a pose, expected a whole one"):
         keyframes.main(keyframes.ConvertKeyframes(file=drawn, out=tmp_path / out, kimodo=kimodo))
     assert not (tmp_path / out).exists()
 

@@ -64,6 +64,14 @@ def test_inspect_prints_a_row_a_clip(folder, capsys):
         assert all(rows[name][end - 1] != " " and rows[name][end] == " " for end in ends)
 
 
+def test_names_of_clips_stay_in_their_rows(tmp_path, capsys):
+    np.savez(tmp_path / "odd.npz", **{"a\nb": bowing_clip().qpos, "\x1b[31mred": bowing_clip().qpos, "fps": 50})
+    run("inspect", tmp_path / "odd.npz")
+    out = capsys.readouterr().out
+    assert "\na\\nb  " in out
+    assert "\n\\x1b[31mred  " in out
+
+
 def test_a_bad_file_of_a_folder_is_named_and_left_out(folder, tmp_path, capsys):
     (folder / "labels.csv").write_text("file,style\ngood,happy\n")
     with pytest.raises(MotionError, match="1 of 3 files could not be used; see above"):

@@ -14,14 +14,16 @@ from plat.recipes.refine import RefineRecipe
 
 ROOT = Path(__file__).parents[2]
 DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SHELL = re.compile(r"^ *```(?:sh|bash|shell|console)\b[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 REQUIRED = ["--motions", "x.npz", "--out", "x"]
 
 
 def commands(text: str) -> list[list[str]]:
     """Return the calls of plat in the shell blocks of a page, their variables filled in."""
     found, variables = [], {}
-    for block in re.findall(r"^```(?:sh|bash)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+    for block in SHELL.findall(text):
         for line in block.replace("\\\n", " ").splitlines():
+            line = line.strip().removeprefix("$ ")
             for name in sorted(variables, key=len, reverse=True):
                 line = line.replace("$" + name, variables[name])
             words = shlex.split(line, comments=True)
@@ -40,6 +42,14 @@ NAMES = [f"{page.stem}: {shlex.join(words)[:60]}" for page, words in PAGES]
 def test_commands_in_the_docs_are_understood(page, words):
     name, *rest = words
     assert parse(COMMANDS[name].kind(), rest) is not None
+
+
+def test_every_block_for_a_shell_is_read():
+    text = "```sh\nplat a\n```\n```bash\nplat b \\\n  --c\n```\n- x\n  ```console\n  $ plat d\n  ```\n"
+    text += "```python\nplat e\n```\n"
+    assert commands(text) == [["a"], ["b", "--c"], ["d"]]
+    marked = {mark for page in DOCS for mark in re.findall(r"```(\w+)", page.read_text(encoding="utf-8"))}
+    assert marked <= {"bash", "json", "mermaid", "python", "sh", "yaml"}  # a new kind of shell block is to be read, too
 
 
 def test_the_weights_say_how_they_are_made():
@@ -84,6 +94,23 @@ def test_misuse_is_one_line_with_the_flag(words, message, monkeypatch):
             parse(ExpertRecipe, [*REQUIRED, *words], prog="plat expert")
         assert str(error.value).startswith(f"error: {message}")
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "field"),
+    [
+        ("play", ["--keyframes", "", "--policy", "x"], "--keyframes"),
+        ("keyframes", ["show", ""], "PATH"),
+        ("keyframes", ["around", "a.json", "--out", ""], "--out"),
+        ("motions", ["inspect", "a.npz", "--out", ""], "--out"),
+        ("evaluate", ["", "--motions", "x"], "PATH"),
+        ("refine", ["--motions", "x", "--out", "o", "--student", ""], "--student"),
+    ],
+)
+def test_an_empty_path_is_not_the_working_directory(command, words, field):
+    told = r"(is empty, expected a path|expected other values than \[''\])"
+    with pytest.raises(SystemExit, match=rf"^error: .*{field}.*: {told}; see plat {command}"):
+        parse(COMMANDS[command].kind(), words, prog=f"plat {command}")
 
 
 def test_what_is_missing_is_named():

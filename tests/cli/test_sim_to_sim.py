@@ -10,7 +10,7 @@ from plat.cli import sim_to_sim
 from plat.control import Simulator
 from plat.errors import ActionError, KeyframeError, PlatError
 from plat.export import export_bundle
-from plat.keyframes import KeyframeSequence, standing
+from plat.keyframes import KeyframeSequence, only, standing
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
 from plat.robots.describe import describe_robot
@@ -62,6 +62,17 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
 def test_flags_without_effect_are_refused(tmp_path, flags, told):
     with pytest.raises(PlatError, match=told):
         sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path / "bundle", **flags))
+
+
+def test_a_file_of_partial_keyframes_for_a_policy_of_whole_ones_is_named_first(tmp_path, monkeypatch):
+    runner = SimpleNamespace(timing=Timing(), sees_parts=False)
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
+    KeyframeSequence(G1, standing(G1), (standing(G1).at(0.5),)).save(tmp_path / "whole.json")
+    KeyframeSequence(G1, standing(G1), (only(G1, 0.5, height=0.7),)).save(tmp_path / "low.json")
+    files = (tmp_path / "whole.json", tmp_path / "low.json")
+    recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=files)
+    with pytest.raises(KeyframeError, match=r"^keyframe file '.*low.json': the keyframe at 0.5 s commands a part of"):
+        sim_to_sim.main(recipe)
 
 
 def test_the_table(tmp_path, capsys):
