@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from plat.streams import standard_streams
@@ -33,6 +34,7 @@ class Command:
     def kind(self) -> Any:
         """Return the dataclass of the settings, or a union of several."""
         package, _, _ = self.module.rpartition(".")
+        _check_link(Path(__file__).parents[1] / package.rpartition(".")[2])
         return getattr(import_module(f"{package}.options"), self.settings)
 
 
@@ -154,6 +156,15 @@ def _run(words: Sequence[str]) -> None:
 
     command = COMMANDS[name]
     run(command.module, command.kind(), rest, prog=f"plat {name}")
+
+
+def _check_link(package: Path) -> None:
+    """End the program where a clone has a file in the place of a link to a package, as on Windows without them."""
+    if package.is_file():
+        sys.exit(
+            f"error: {str(package)!r} is a file, expected a link to a folder: clone plat again with "
+            "`git clone -c core.symlinks=true`, on Windows in its developer mode"
+        )
 
 
 def _usage() -> str:

@@ -56,3 +56,12 @@ def test_help_has_no_backquotes_and_its_frame_is_straight(capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert not any("``" in line for line in lines)
     assert {len(line) for line in lines if "Delta_max, the longest command" in line} == {120}
+
+
+def test_a_clone_without_links_is_told_so(tmp_path, monkeypatch):
+    """Git makes a file that holds the target where there are no links, as on Windows."""
+    (tmp_path / "cli").mkdir()
+    (tmp_path / "recipes").write_text("../recipes")
+    monkeypatch.setattr("plat.cli.__file__", str(tmp_path / "cli" / "__init__.py"))
+    with pytest.raises(SystemExit, match=r"recipes' is a file, expected a link to a folder: .*core\.symlinks=true"):
+        main(["imagine", "--help"])
