@@ -4,14 +4,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from types import TracebackType
+from typing import Any
 
 from plat.errors import WorkerError
 
-__all__ = ["begin_helper", "deaf_to_interrupts", "told_if_killed"]
+__all__ = ["HelperPool", "begin_helper", "deaf_to_interrupts", "told_if_killed"]
 
 
 @contextmanager
@@ -51,6 +54,44 @@ def deaf_to_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class HelperPool(ProcessPoolExecutor):
+    """Pool of spawned processes that leave Ctrl-C to this one, and are gone when this one is, however it ends.
+
+    Use it as a context. Where that is left by an error or a key, what waits is not begun and what runs is stopped: it
+    would only be thrown away.
+
+    Args:
+        workers: number of processes.
+        begin: is called in each process first.
+        arguments: of ``begin``.
+    """
+
+    def __init__(self, workers: int, begin: Callable[..., object], *arguments: object):
+        # forked children inherit torch's thread pool in a state that can hang them
+        spawn = multiprocessing.get_context("spawn")
+        super().__init__(workers, spawn, initializer=_begin, initargs=(begin, arguments))
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        """Submit a call, as the pool of Python does; it starts its processes here."""
+        with deaf_to_interrupts():
+            return super().submit(fn, *args, **kwargs)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            processes = list((self._processes or {}).values())
+            self.shutdown(wait=False, cancel_futures=True)
+            for process in processes:
+                process.terminate()
+        self.shutdown()
+
+
+def _begin(begin: Callable[..., object], arguments: tuple[object, ...]) -> None:
+    begin_helper()  # a pool's processes would wait for ever
+    begin(*arguments)
 
 
 def begin_helper() -> None:

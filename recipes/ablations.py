@@ -47,6 +47,7 @@ from plat.runs import RecipeConfig, SavedRun, is_run, log_table, on_device, repo
 from plat.runs.changes import compared
 from plat.runs.inputs import weights_print
 from plat.runs.ray_tasks import RayTask, run_tasks
+from plat.runs.user_modules import import_modules, imported_code
 from plat.spec.timing import Timing
 
 
@@ -120,6 +121,7 @@ class Candidate:
 def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     """Run the recipe: the scores of each split."""
     recipe = on_device(recipe)
+    import_modules(recipe.imports)
     robot = get_robot(recipe.robot)  # first: a description file makes the policies' robot known
     check_training(recipe)
     check_folder(recipe.out)
@@ -227,6 +229,7 @@ def planned(recipe: AblationsRecipe) -> list[Planned]:
                 "trackio": recipe.trackio,
                 "device": recipe.device,
                 "robot": recipe.robot,
+                "imports": recipe.imports,
             }
             training = Planned(row, row.recipe(recipe.runs, settings))
             if has_weights(out) and SavedRun(out).recipe is not None:
@@ -345,6 +348,7 @@ def task_of(recipe: AblationsRecipe, name: str, work: Callable[[], None]) -> Non
     log = recipe.out / "logs" / f"{name}.txt"
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("a", encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+        import_modules(recipe.imports)
         get_robot(recipe.robot)  # this process does not know that of a description file
         work()
 
@@ -356,7 +360,7 @@ def evaluate_all(name: str, candidate: Candidate, recipe: AblationsRecipe) -> No
     if name in TRACKERS:
         conditions.append((once(recipe), True, None))
     wanted = [cell for condition in conditions for cell in cells_of([candidate], recipe, *condition)]
-    for _ in evaluate_cells(wanted, library, folder=recipe.out / "records", workers=1):
+    for _ in evaluate_cells(wanted, library, folder=recipe.out / "records", workers=1, modules=recipe.imports):
         pass
 
 
@@ -441,7 +445,9 @@ def score(
     scores: list[Score] = []
     waiting: list[CommandRecords] = []
     since = time.monotonic()
-    done = evaluate_cells(wanted, library, folder=recipe.out / "records", workers=recipe.workers or None)
+    done = evaluate_cells(
+        wanted, library, folder=recipe.out / "records", workers=recipe.workers or None, modules=recipe.imports
+    )
     for cell, records in done:
         assert isinstance(records, CommandRecords)
         waiting.append(records)
@@ -469,8 +475,8 @@ def cells_of(
 
 def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
     """The policy of a row as any process can load it."""
-    weights = [path.read_bytes() for path in candidate.files]
-    return cells.Candidate(candidate.slug, partial(candidate.load, dense), fingerprint([*weights, str(dense).encode()]))
+    made_of = [*(path.read_bytes() for path in candidate.files), *imported_code(), str(dense).encode()]
+    return cells.Candidate(candidate.slug, partial(candidate.load, dense), fingerprint(made_of))
 
 
 def hard_part(scores: Sequence[Score], bins: dict[str, list[str]]) -> list[Score]:

@@ -90,7 +90,7 @@ def main(recipe: ExpertRecipe) -> None:
 
 def after(recipe: ExpertRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT, robot=recipe.robot)
+    return next_command(recipe, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
 
 
 def ppo_config(recipe: ExpertRecipe) -> PPOConfig:

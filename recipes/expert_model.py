@@ -46,7 +46,7 @@ def main(recipe: ExpertModelRecipe) -> None:
 
 def after(recipe: ExpertModelRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe.out, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT, robot=recipe.robot)
+    return next_command(recipe, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
 from plat.bounds import Bounded, Count, Fraction, Layers, Natural, NonNegative, NotEmpty, Positive, Range, Robots, Seed
-from plat.cli.options import Imports, ScoringConfig
+from plat.cli.options import ScoringConfig
 from plat.envs import DistillationTaskConfig, KeyframeTaskConfig, TrackingTaskConfig
 from plat.errors import ConfigError
 from plat.modules import DynamicsConfig, ExpertConfig, LatentPolicyConfig, PlainPolicyConfig, RefinementConfig
@@ -222,8 +222,6 @@ class RefineRecipe(RecipeConfig):
     """hidden layers of the critic"""
     critic_warmup: Natural = 10
     """rollouts that train only the critic, before the policy is updated"""
-    imports: Imports = ()
-    """module that registers policy classes of your own"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -29,7 +29,6 @@ from plat.rendering import Films
 from plat.robots import get_robot
 from plat.runs import Budget, Run, begin, check_drives, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins, next_command
-from plat.runs.user_modules import import_modules
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing, timing_of
 
@@ -43,7 +42,6 @@ VARIANTS: dict[str, type[Refinement]] = {
 
 def main(recipe: RefineRecipe) -> None:
     """Run the recipe."""
-    import_modules(recipe.imports)
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     device = recipe.device
@@ -127,7 +125,7 @@ def load_student(recipe: RefineRecipe | RefineModelRecipe, made_by: str) -> tupl
 def after(recipe: RefineRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
     words = ("plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
-    return next_command(recipe.out, *words, robot=recipe.robot)
+    return next_command(recipe, *words)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ def main(recipe: RefineModelRecipe) -> None:
 def after(recipe: RefineModelRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
     words = ("plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
-    return next_command(recipe.out, *words, robot=recipe.robot)
+    return next_command(recipe, *words)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from plat.cli import COMMANDS
+from tests.cli.test_settings import SHELL
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -91,7 +92,7 @@ def test_the_readme_is_short():
 
 
 def commands_named(text: str) -> set[str]:
-    blocks = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+    blocks = "".join(SHELL.findall(text))
     return set(re.findall(r"(?m)^plat ([a-z][\w-]*)", blocks)) | set(re.findall(r"`plat ([a-z][\w-]*)", text))
 
 

@@ -1,22 +1,61 @@
 import os
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+import signal
+import time
+from concurrent.futures import CancelledError
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+import plat
 from plat import pools
 from plat.errors import WorkerError
-from plat.pools import told_if_killed
+from plat.pools import HelperPool, told_if_killed
 
 
 def test_a_process_that_was_killed_is_one_line():
     with (
         pytest.raises(WorkerError, match="killed, perhaps for want of memory: try fewer --workers; all is kept"),
         told_if_killed("all is kept"),
-        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        HelperPool(1, int) as pool,
     ):
         pool.submit(os._exit, 9).result()
+
+
+def _as_it_began(folder: str) -> None:
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else {signal.SIGINT}
+    (Path(folder) / "began").write_text(f"{signal.getsignal(signal.SIGINT)} {signal.SIGINT in blocked}")
+
+
+def test_processes_of_a_pool_leave_ctrl_c_to_the_one_that_started_them_from_their_first_moment(tmp_path):
+    """The mask is that of their start: what a process says of itself comes seconds later."""
+    with HelperPool(1, _as_it_began, str(tmp_path)) as pool:
+        assert list(pool.map(abs, [-1, -2])) == [1, 2]
+    assert (tmp_path / "began").read_text() == f"{signal.SIG_IGN} True"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_pool_that_is_left_by_a_key_waits_for_nothing():
+    pool = HelperPool(1, int)
+    futures = [pool.submit(time.sleep, 300) for _ in range(3)]
+    (process,) = pool._processes.values()
+    began = time.monotonic()
+    pool.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
+    with pytest.raises((CancelledError, BrokenProcessPool)):  # whichever comes first
+        futures[-1].result(60)
+    process.join(60)
+    assert not process.is_alive()
+    assert time.monotonic() - began < 200
+
+
+def test_whatever_starts_processes_keeps_ctrl_c_from_them():
+    """Each of these words starts processes; pools.py has what keeps a key from them."""
+    starters = ("ProcessPoolExecutor(", ".Process(", "MultiSyncCollector(", ".Pool(")
+    for path in Path(plat.__file__).parent.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.name != "pools.py" and any(word in text for word in starters):
+            assert "with deaf_to_interrupts():" in text, path
 
 
 def test_other_errors_pass():

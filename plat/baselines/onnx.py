@@ -40,13 +40,17 @@ class OnnxPolicy:
         self._single = entry.shape[0] == 1
 
     def constant(self, name: str) -> Tensor:
-        """Return a constant of the network, flat, float32. Needs the package onnx.
+        """Return a constant of the network, flat, float32.
 
         Raises:
-            CheckpointError: when there is none of that name.
+            CheckpointError: when there is none of that name; when the package onnx is not installed.
         """
-        import onnx  # only for networks whose constants are asked for
-
+        try:
+            import onnx  # only for networks whose constants are asked for
+        except ImportError as error:
+            raise CheckpointError(
+                f"ONNX policy {str(self._path)!r}: its constants are read with onnx: pip install 'plat-rl[baselines]'"
+            ) from error
         graph = onnx.load(self._path).graph
         for initializer in graph.initializer:
             if initializer.name == name:

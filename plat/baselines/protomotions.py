@@ -140,9 +140,13 @@ class _Described:
     """The YAML file beside the network."""
 
     def __init__(self, path: Path):
-        import yaml  # of an extra
-
         self.path = str(path)
+        try:
+            import yaml
+        except ImportError as error:
+            raise CheckpointError(
+                f"{self.path!r}: settings are read with PyYAML: pip install 'plat-rl[baselines]'"
+            ) from error
         try:
             self._content = yaml.safe_load(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

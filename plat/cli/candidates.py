@@ -160,7 +160,7 @@ def _of_run(
 
 def _trained_on(run: SavedRun) -> str:
     """Return the data sets that a run was trained on; of motions of no known one their file."""
-    names = [(known.prefix if (known := data_set_of(name)) else name) for name in trained_on(run)]
+    names = [(known.stem if (known := data_set_of(name)) else name) for name in trained_on(run)]
     return ", ".join(dict.fromkeys(names))
 
 

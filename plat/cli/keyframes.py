@@ -6,7 +6,9 @@ plat keyframes around crossed_arms.json --out led_around.json
 plat keyframes convert g1_with_keys.xml --out keys.json
 """
 
+import shlex
 from collections.abc import Sequence
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +20,7 @@ from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import holds_keyframes, keyframe_json, keyframes_of, write_keyframes
+from plat.keyframes.keyframe import check_whole
 from plat.keyframes.kimodo import constraints_of, write_constraints
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
@@ -95,9 +98,18 @@ def show(command: Show) -> KeyframeSequence:
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:
             way = any(concern.measure == "way_penetration" for concern in concerns)
-            advice = f": plat keyframes around {command.file} puts one between" if way else ""
+            advice = f": {_led_around(command)} puts one between" if way and not command.split else ""
             print(f"keyframe {index} may be out of reach: {'; '.join(map(str, concerns))}{advice}")
     return sequence
+
+
+def _led_around(command: Show) -> str:
+    """Return the command line that puts keyframes on the ways of the file that is shown."""
+    out = command.file.with_name(f"{command.file.stem}_around.json")
+    robot = f" --robot {shlex.quote(command.robot)}" if command.robot != type(command).robot else ""
+    changed = [one for one in fields(Timing) if getattr(command.timing, one.name) != one.default]
+    timing = "".join(f" --timing.{one.name.replace('_', '-')} {getattr(command.timing, one.name)}" for one in changed)
+    return f"plat keyframes around {shlex.quote(str(command.file))} --out {shlex.quote(str(out))}{robot}{timing}"
 
 
 def around(command: Around) -> KeyframeSequence:
@@ -211,10 +223,8 @@ def _check_partial(command: ConvertKeyframes, start: Keyframe | None, others: Se
         KeyframeError: naming the file and its keyframe.
     """
     where = f"keyframe file {str(command.file)!r}"
-    for number, keyframe in enumerate(others):
-        if not keyframe.whole and not _to_keyframes(command):
-            form = "these constraints are of whole ones" if command.kimodo else "MJCF has whole ones only"
-            raise KeyframeError(f"{where}: keyframe {number}: it commands parts of a pose, and {form}")
+    if not _to_keyframes(command):  # the writers know only the file that they write
+        check_whole(others, where, "these constraints" if command.kimodo else "MJCF keys")
     if start is None and others and others[0].time == 0 and not others[0].whole:
         raise KeyframeError(
             f"{where}: keyframe 0: time is 0 s, expected at least {Timing().control_dt:g} s after 0 s: as the start it "

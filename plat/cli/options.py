@@ -16,6 +16,7 @@ from plat.modules.settings import WalkingReach
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
 from plat.runs.loggers import LoggerName, chosen_loggers
+from plat.runs.user_modules import Imports
 from plat.spec.timing import Timing
 
 __all__ = [
@@ -44,8 +45,6 @@ __all__ = [
 ]
 
 
-Imports: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(name="import"), tyro.conf.UseAppendAction]
-"""Modules to import before a policy is loaded: ``--import NAME`` for each."""
 Rate: TypeAlias = Annotated[float, Range(1, 1000)]
 """Frames a second."""
 
@@ -85,6 +84,8 @@ class ScoringConfig(Bounded):
     """where networks and tensors live, "cuda" where there is one"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:
@@ -130,8 +131,6 @@ class EvaluateRecipe(ScoringConfig):
     """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
     """folder to draw radar plot, bars, success curves and film strips into, as PDF and PNG"""
-    imports: Imports = ()
-    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)
@@ -491,6 +490,8 @@ class AverageRecipe(Bounded):
     """show a student keyframes beyond it nearer; one run will do"""
     robot: str = "g1"
     """robot of the policies: its name, or path of its JSON description"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
 
 @dataclass(kw_only=True)

@@ -22,7 +22,7 @@ from plat.control import (
     error_text,
     mean_errors,
 )
-from plat.control.changed_physics import SETTINGS, Delayed, PhysicsSetting, make_model
+from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, physics_settings
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, KeyframeError
@@ -59,7 +59,8 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         names += library.clip_names
     if not sequences:
         raise KeyframeError("nothing to run: give --motions or --keyframes")
-    if len(possible_settings(robot)) < len(SETTINGS):
+    settings = possible_settings(robot, timing.control_dt)
+    if len(settings) < len(physics_settings(timing.control_dt)):
         print(f"left out: settings with capsule feet, robot {robot.name!r} has no sole_capsules")
     seconds = sum(sequence.duration for sequence in sequences)
     print(f"{counted(len(sequences), 'sequence')}, {counted(sum(map(len, sequences)), 'keyframe')}, {seconds:.0f} s")
@@ -67,7 +68,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"{'':<40}{f'{success} %':>10}{'falls %':>9}{f'{joint_mean} rad':>13}{f'{place_mean} mm':>12}")
     results: dict[str, list[KeyframeScore]] = {}
     broken = 0
-    for physics in possible_settings(robot):
+    for physics in settings:
         simulator = Simulator(make_model(robot, runner.robot, physics), timing.control_dt)
         controller = Delayed(runner, runner.robot, physics.delay)
         scores: list[KeyframeScore] = []
@@ -93,9 +94,10 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     return results
 
 
-def possible_settings(robot: Robot) -> list[PhysicsSetting]:
+def possible_settings(robot: Robot, control_dt: float) -> list[PhysicsSetting]:
     """Return the settings that a robot can be simulated at: capsule feet need its ``sole_capsules``."""
-    return [physics for physics in SETTINGS if physics.feet != "capsules" or robot.sole_capsules]
+    settings = physics_settings(control_dt)
+    return [physics for physics in settings if physics.feet != "capsules" or robot.sole_capsules]
 
 
 def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing = Timing()) -> list[KeyframeSequence]:

@@ -11,7 +11,11 @@ from plat.control.chase import Controller
 from plat.deploy import Pose, RobotDescription, RobotState
 from plat.robots import FootContacts, Robot
 
-__all__ = ["SETTINGS", "Delayed", "PhysicsSetting", "make_model"]
+__all__ = ["Delayed", "PhysicsSetting", "make_model", "physics_settings"]
+
+# Physics steps of a control step in training, and how long a fine one is (s).
+_SUBSTEPS = 4
+_FINE = 0.001
 
 
 @dataclass(frozen=True)
@@ -19,8 +23,8 @@ class PhysicsSetting:
     """Physics that differs from the simulation that policies are trained in."""
 
     name: str
-    timestep: float = 0.005
-    """seconds of a physics step"""
+    timestep: float | None = None
+    """seconds of a physics step; None for that of training, a quarter of the control step"""
     feet: FootContacts = "spheres"
     """contact geometry of the soles"""
     friction: float | None = None
@@ -31,23 +35,35 @@ class PhysicsSetting:
     """factor on stiffness and damping of every motor"""
 
 
-SETTINGS = (
-    PhysicsSetting("as in training"),
-    PhysicsSetting("1 ms physics steps", timestep=0.001),
-    PhysicsSetting("capsule feet", feet="capsules"),
-    PhysicsSetting("friction 0.3", friction=0.3),
-    PhysicsSetting("friction 1.2", friction=1.2),
-    PhysicsSetting("20 ms control delay", delay=1),
-    PhysicsSetting("gains -10 %", gain=0.9),
-    PhysicsSetting("gains +10 %", gain=1.1),
-    PhysicsSetting("all: 1 ms, capsules, 0.3, delay, -10 %", 0.001, "capsules", 0.3, 1, 0.9),
-)
+def physics_settings(control_dt: float) -> tuple[PhysicsSetting, ...]:
+    """Return the physics that `plat sim-to-sim` runs a policy at.
+
+    Args:
+        control_dt: seconds of the policy's control step. Fine physics steps are the whole fraction of it that is
+            nearest to 1 ms.
+
+    >>> [physics.name for physics in physics_settings(0.02)][:2], physics_settings(0.01)[5].name
+    (['as in training', '1 ms physics steps'], '10 ms control delay')
+    """
+    fine = control_dt / max(1, round(control_dt / _FINE))
+    step, delay = f"{1000 * fine:.3g} ms", f"{1000 * control_dt:.3g} ms"
+    return (
+        PhysicsSetting("as in training"),
+        PhysicsSetting(f"{step} physics steps", timestep=fine),
+        PhysicsSetting("capsule feet", feet="capsules"),
+        PhysicsSetting("friction 0.3", friction=0.3),
+        PhysicsSetting("friction 1.2", friction=1.2),
+        PhysicsSetting(f"{delay} control delay", delay=1),
+        PhysicsSetting("gains -10 %", gain=0.9),
+        PhysicsSetting("gains +10 %", gain=1.1),
+        PhysicsSetting(f"all: {step}, capsules, 0.3, delay, -10 %", fine, "capsules", 0.3, 1, 0.9),
+    )
 
 
 def make_model(robot: Robot, description: RobotDescription, physics: PhysicsSetting) -> mujoco.MjModel:
     """Return a model of the robot with the motors of a bundle, at some physics."""
     model = robot.model(physics.feet)
-    model.opt.timestep = physics.timestep
+    model.opt.timestep = description.control_dt / _SUBSTEPS if physics.timestep is None else physics.timestep
     model.actuator_gainprm[:, 0] = physics.gain * description.stiffness
     model.actuator_biasprm[:, 1] = -physics.gain * description.stiffness
     model.actuator_biasprm[:, 2] = -physics.gain * description.damping

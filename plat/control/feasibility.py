@@ -83,7 +83,8 @@ class Feasibility:
 
     Links are looked at in the keyframe, and on the way there on which all joints move evenly. Of a partial keyframe
     these are the links between the root and the bodies that it commands, as they were drawn, and those that commanded
-    joints lead to. The others can move out of the way.
+    joints lead to. The others can move out of the way. A commanded body that its own joint turns about its place, as a
+    hand, is looked at on the way alone.
 
     Args:
         robot: the robot.
@@ -203,13 +204,15 @@ class Feasibility:
 
     def _links(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         """Concern about links that are in each other in a keyframe, or else on the straight way there."""
-        among, limits = self._placed_links(after.commands), self.limits
-        depth, one, other = self._deepest(after.joint_pos, among)
+        limits = self.limits
+        depth, one, other = self._deepest(after.joint_pos, self._placed_links(after.commands, as_drawn=False))
         if depth > limits.self_penetration:
             words = f"{one} and {other} are {100 * depth:.0f} cm inside each other"
             return [Concern("self_penetration", f"{one}, {other}", depth, limits.self_penetration, words)]
-        if self._deepest(before.joint_pos, among)[0] > limits.self_penetration:
-            return []  # this was said of the keyframe before
+        # hands that only have to turn at the end of their way are in each other's way all the same before
+        among = self._placed_links(after.commands, as_drawn=True)
+        if any(self._deepest(pose.joint_pos, among)[0] > limits.self_penetration for pose in (before, after)):
+            return []  # this was said of the keyframe before, or is how one was drawn
         shares = np.arange(1, WAY_PARTS) / WAY_PARTS
         way = before.joint_pos + shares[:, None] * (after.joint_pos - before.joint_pos)
         depth, one, other = max((self._deepest(joint_pos, among) for joint_pos in way), key=lambda found: found[0])
@@ -218,10 +221,14 @@ class Feasibility:
         words = f"{one} and {other} would get {100 * depth:.0f} cm into each other on the straight way there"
         return [Concern("way_penetration", f"{one}, {other}", depth, limits.way_penetration, words)]
 
-    def _placed_links(self, commands: Parts | None) -> NDArray[np.bool_]:
+    def _placed_links(self, commands: Parts | None, as_drawn: bool) -> NDArray[np.bool_]:
         """Which links are where they were drawn, as the root is ``[bodies]``: as all of a whole keyframe.
 
         Those between the root and a commanded body, and those that commanded joints alone lead to.
+
+        Args:
+            commands: None for a whole keyframe.
+            as_drawn: with commanded bodies that their own joint turns about their place: a hand is free to do so.
         """
         model = self._model
         placed = np.ones(model.nbody, dtype=bool)
@@ -232,6 +239,8 @@ class Feasibility:
             placed[body] = placed[model.body_parentid[body]] and body not in free
         for name, commanded in zip(self._robot.keypoints, commands.bodies, strict=True):
             body = model.body(name).id if commanded else 0
+            if not as_drawn and body in free and not model.jnt_pos[model.body_jntadr[body]].any():
+                body = int(model.body_parentid[body])
             while body:
                 placed[body] = True
                 body = int(model.body_parentid[body])

@@ -23,8 +23,8 @@ class Simulator:
     """Simulator of one robot in plain MuJoCo, advanced by one control step at a time.
 
     Args:
-        model: as :meth:`plat.envs.Robot.model` makes it: a free joint, J hinges, and a position actuator for each. Set
-            what shall differ (time step, friction, gains) in it beforehand.
+        model: as :meth:`plat.robots.Robot.model` makes it: a free joint, J hinges, and a position actuator for each.
+            Set what shall differ (time step, friction, gains) in it beforehand.
         control_dt: seconds of a control step.
 
     Attributes:

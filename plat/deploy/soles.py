@@ -32,7 +32,10 @@ class SoleKinematics:
     def __init__(self, robot: RobotDescription):
         check_description(robot)
         if not robot.feet:
-            raise RobotError(f"robot {robot.name!r}: its description has no feet, export the bundle again")
+            raise RobotError(
+                f"robot {robot.name!r}: its description has no feet: export the bundle again, with contact geoms of "
+                "feet that are spheres, capsules, cylinders, boxes or meshes"
+            )
         self._joints = len(robot.joint_names)
         index = {body.name: number for number, body in enumerate(robot.bodies)}
         # for each foot, the links from the root's child down to it: joint, position, rotation at angle 0

@@ -227,7 +227,7 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         return self._task.reset(seed)[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Hold the joint targets for one control step (20 ms).
+        """Hold the joint targets for one control step.
 
         Raises:
             ActionError: for an action that is none, or after the episode's end: the motion is over.
@@ -315,7 +315,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         return self._task.reset(seed), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Hold the joint targets for one control step (20 ms)."""
+        """Hold the joint targets for one control step."""
         after, following = self._task.step(actions, auto_reset=True)
         reward, terminated, truncated = (
             after[key][:, 0].cpu().numpy() for key in ("reward", "terminated", "truncated")

@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from stable_baselines3.common.vec_env import VecEnv
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise ImportError("plat.envs.sb3 needs: pip install 'plat-rl[sb3]'", name=error.name) from error
 
 from plat.errors import PlatError
 

@@ -2,12 +2,11 @@
 
 import functools
 import hashlib
-import multiprocessing
 import re
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -16,6 +15,7 @@ from typing import Any, TypeAlias
 
 import torch
 
+from plat.collectors.worker import for_workers
 from plat.envs.physics import available_cpus
 from plat.errors import ActionError, RecordsError
 from plat.evaluation.clip_records import ClipRecords
@@ -23,7 +23,7 @@ from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
 from plat.motions.library import MotionLibrary
-from plat.pools import begin_helper, told_if_killed
+from plat.pools import HelperPool, told_if_killed
 from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
@@ -271,15 +271,9 @@ def _on_processes(
     progress: Progress,
 ) -> Iterator[tuple[Cell, Records]]:
     motions = scratch / "motions.pt"
-    torch.save(desk.library.to("cpu"), motions)
-    # spawned, for a child that runs torch after a fork may hang
-    pool = ProcessPoolExecutor(
-        count,
-        multiprocessing.get_context("spawn"),
-        initializer=_begin,
-        initargs=(motions, tuple(modules), registered_robots()),
-    )
-    try:
+    with for_workers(scratch):
+        torch.save(desk.library.to("cpu"), motions)
+    with HelperPool(count, _begin, motions, tuple(modules), registered_robots()) as pool:
         futures: dict[str, list[Future[None]]] = {}
         for cell, number in missing:
             job = (cell, desk.parts(cell)[number], desk.part(cell, number), desk.about(cell))
@@ -291,14 +285,6 @@ def _on_processes(
                 for future in futures.pop(cell.stem, []):
                     future.result()
             yield cell, desk.finished(cell)
-    except BaseException:
-        # stopped, by a key or an error: what is running would only be thrown away
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown()
 
 
 def _told(progress: Progress, steps: int, future: "Future[None]") -> None:
@@ -310,7 +296,6 @@ _process: dict[str, Any] = {}
 
 
 def _begin(motions: Path, modules: Sequence[str], robots: Sequence[Robot]) -> None:
-    begin_helper()  # a pool's processes would wait for ever
     torch.set_num_threads(1)
     import_modules(modules)
     for robot in robots:  # of description files, which policies name

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from plat.deploy.bundle import Bundle, BundleScore
-from plat.export.data_sets import license_table, strictest_license
+from plat.export.data_sets import license_table, licenses_told
 from plat.runs.saved_run import SavedRun
 
 __all__ = ["model_card", "run_card"]
@@ -66,7 +66,7 @@ def run_card(bundle: Bundle, run: SavedRun, name: str) -> str:
         "---\nlibrary_name: plat-rl\npipeline_tag: robotics\nlicense: other\ntags: [plat, humanoid, keyframes]\n---",
         f"# {name.partition('/')[2]}: timed keyframes on the {bundle.robot.name}",
         f"A `{bundle.policy.kind}` policy of plat for the {bundle.robot.name}.",
-        f'```python\nimport plat  # pip install "plat-rl[hub]"\n\npolicy = plat.load("{name}").deployed()\n```',
+        f'```python\nimport plat  # plat with its extra hub\n\npolicy = plat.load("{name}").deployed()\n```',
         "## Training\n\nMotions of its last run, or of those that it is the mean of:\n\n" + _motions(run.motions),
         "## Scores\n\n" + _score_table(bundle.scores),
         f"## Limits\n\n{_limits(run.settings)}",
@@ -77,7 +77,7 @@ def run_card(bundle: Bundle, run: SavedRun, name: str) -> str:
 def _motions(motions: Sequence[str]) -> str:
     if not motions:
         return "unknown"
-    return f"{license_table(motions)}\n\nThe strictest of these licenses: {strictest_license(motions)}."
+    return f"{license_table(motions)}\n\n{licenses_told(motions)}"
 
 
 def _score_table(scores: tuple[BundleScore, ...] | None) -> str:

@@ -14,6 +14,8 @@ __all__ = ["push_run"]
 def push_run(run: str | Path, name: str, *, private: bool = True) -> None:
     """Upload a run with a card; ``plat.load(name)`` loads it anywhere. Log in first: ``hf auth login``.
 
+    Its settings, weights and learned model are uploaded, and its scores, also from a table beside its directory.
+
     Args:
         run: directory of a policy that chases keyframes.
         name: ``"hf:owner/name"``.
@@ -28,4 +30,4 @@ def push_run(run: str | Path, name: str, *, private: bool = True) -> None:
     if isinstance(policy, Expert):
         raise CheckpointError(f"{str(run)!r} holds an expert, expected a policy that chases keyframes")
     card = run_card(describe_policy(policy, saved), saved, name)
-    upload_run(folder, name, card, private=private)
+    upload_run(folder, name, card, private=private, scores=saved.scores or ())

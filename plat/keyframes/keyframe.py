@@ -3,6 +3,7 @@
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,7 +20,16 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["HIGHEST", "Keyframe", "RobotJoints", "check_keyframe", "check_time", "interpolate", "standing"]
+__all__ = [
+    "HIGHEST",
+    "Keyframe",
+    "RobotJoints",
+    "check_keyframe",
+    "check_time",
+    "check_whole",
+    "interpolate",
+    "standing",
+]
 
 HIGHEST = 5.0
 """No robot's root is this far above or below the floor (m)."""
@@ -195,6 +205,24 @@ def check_time(time: float, what: str = "time", longest: float = _LONGEST) -> No
         raise KeyframeError(f"{what} is {short(time)}, expected a finite number of seconds")
     if abs(time) > longest:
         raise KeyframeError(f"{what} is {time:g} s, expected at most a day ({_LONGEST:g} s): in milliseconds?")
+
+
+def check_whole(keyframes: Sequence[Keyframe], where: str, form: str) -> None:
+    """Raise an error for a keyframe that commands parts of its pose, where a form of file has whole poses only.
+
+    Args:
+        keyframes: that are to be written.
+        where: the file that the user knows them from, with its kind.
+        form: of the file that is written.
+
+    Raises:
+        KeyframeError: naming the file and the number of its keyframe.
+    """
+    for number, keyframe in enumerate(keyframes):
+        if not keyframe.whole:
+            called = f" ({keyframe.name!r})" if keyframe.name else ""
+            told = f"keyframe {number}{called} commands parts of a pose"
+            raise KeyframeError(f"{where}: {told}, expected a whole one: {form} have no others")
 
 
 def standing(robot: RobotJoints) -> Keyframe:

@@ -16,7 +16,7 @@ import numpy as np
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import read_json
-from plat.keyframes.keyframe import Keyframe
+from plat.keyframes.keyframe import Keyframe, check_whole
 from plat.motions.formats.links import link_count, links_of_qpos, qpos_of_links, world_rotations
 from plat.rotations_np import quat_from_rotvec
 
@@ -74,11 +74,8 @@ def write_constraints(path: Path, robot: Robot, keyframes: Sequence[Keyframe], f
     Raises:
         KeyframeError: for a partial keyframe, two on one frame, or when the disk does not take the file.
     """
+    check_whole(keyframes, f"constraints {str(path)!r}", "these constraints")
     frames = [round(keyframe.time * fps) for keyframe in keyframes]
-    if partial := [number for number, keyframe in enumerate(keyframes) if not keyframe.whole]:
-        raise KeyframeError(
-            f"constraints {str(path)!r}: keyframe {partial[0]}: it commands parts of a pose, expected a whole one"
-        )
     if len(set(frames)) != len(frames):
         raise KeyframeError(f"constraints {str(path)!r}: two keyframes on one frame of {fps:g} a second")
     local, root_pos = links_of_qpos(np.stack([keyframe.qpos for keyframe in keyframes]), robot)

@@ -19,7 +19,7 @@ import numpy as np
 from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import short
-from plat.keyframes.keyframe import Keyframe
+from plat.keyframes.keyframe import Keyframe, check_whole
 from plat.motions.formats.names import match_joint
 
 if TYPE_CHECKING:
@@ -77,15 +77,12 @@ def write_mjcf_keys(path: Path, robot: Robot, keyframes: Sequence[Keyframe]) -> 
     Raises:
         KeyframeError: for a partial keyframe, or when the disk does not take the file.
     """
+    check_whole(keyframes, f"MJCF file {str(path)!r}", "MJCF keys")
     said = _NOT_XML.sub("?", f"keyframes of {robot.name}, joints in the order: {' '.join(robot.joint_names)}")
     # XML has no two hyphens in a comment
     lines = [f"<!-- {re.sub('-(?=-)', '- ', said)} -->", "<mujoco>", "  <keyframe>"]
     names = _different([keyframe.name or f"key{number}" for number, keyframe in enumerate(keyframes)])
-    for number, (keyframe, name) in enumerate(zip(keyframes, names, strict=True)):
-        if not keyframe.whole:
-            raise KeyframeError(
-                f"MJCF file {str(path)!r}: keyframe {number}: it commands parts of a pose, and MJCF has whole ones only"
-            )
+    for keyframe, name in zip(keyframes, names, strict=True):
         qpos = " ".join(f"{value:.9g}" for value in keyframe.qpos)
         lines.append(f'    <key name={quoteattr(name)} time="{keyframe.time:.9g}" qpos="{qpos}"/>')
     lines += ["  </keyframe>", "</mujoco>", ""]

@@ -29,12 +29,15 @@ class MotionClip:
             (rad, the robot's joint order). What is no array becomes one.
         fps: frames a second.
         notes: what was assumed, detected or filled in when it was read, a phrase each.
+        doubt: why its file is refused unless it is read otherwise, as with another order of quaternions; empty for
+            most.
     """
 
     name: str
     qpos: np.ndarray
     fps: float
     notes: tuple[str, ...] = ()
+    doubt: str = ""
 
     def __post_init__(self) -> None:
         """Make arrays of lists and tensors, and numbers of a single one; :meth:`check` tells what is wrong."""
@@ -77,7 +80,7 @@ class MotionClip:
         norm = self._checked_norm(robot)
         qpos = self.qpos.astype(np.float64)
         qpos[:, 3:7] /= norm[:, None]
-        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes)
+        return MotionClip(self.name, qpos.astype(np.float32), float(self.fps), self.notes, self.doubt)
 
     def _checked_norm(self, robot: Robot, least: int = 2) -> np.ndarray:
         """Return the lengths of the root's quaternions ``[T]`` of a clip that is whole."""

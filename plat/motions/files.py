@@ -10,7 +10,7 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +31,7 @@ from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.sonic import is_part_of_sonic, sonic_parts
 from plat.motions.formats.units import Angles, Units
-from plat.motions.paths import find_files, listed_paths
+from plat.motions.paths import find_files, listed_paths, read_twice
 from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside
 from plat.progress import tracked
@@ -66,19 +66,24 @@ def log(level: int, line: str) -> None:
 
 
 def motion_paths(
-    patterns: str | Path | Sequence[str | Path], *, strict: bool = False, told: list[str] | None = None
+    patterns: str | Path | Sequence[str | Path],
+    *,
+    strict: bool = False,
+    told: list[str] | None = None,
+    twice: list[tuple[Path, Path]] | None = None,
 ) -> list[Path]:
     """Return the motion files that paths, folders and globs name; see :func:`plat.motions.paths.find_files`.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
         strict: take copies of a file as well.
-        told: is given a line for each copy that was left out, and for equal files that were not.
+        told: is given a line for each copy that was left out.
+        twice: is given each file that is equal to one before it and was taken, with that one.
 
     Raises:
         MotionError: when one of them names no motion file.
     """
-    found = find_files(patterns, READERS, named=NAMED, copies=strict, told=told)
+    found = find_files(patterns, READERS, named=NAMED, copies=strict, told=told, twice=twice)
     listed = listed_paths(patterns)
     return [path for path in found if path in listed or not is_part_of_sonic(path)]
 
@@ -125,19 +130,23 @@ def read_motion_files(
         strict: raise for a bad file in a folder or glob too, and read copies.
         skipped: is given the errors of bad files, of several those that are named as well; without it those of folders
             and globs are logged, and the others raised.
-        told: is given a line for each copy in a folder that was left out; without it they are logged.
+        told: is given a line for each copy in a folder that was left out, and for what is there twice; without it they
+            are logged.
         store: is given each file as it was read, and returns it with its clips where they are kept.
         say: is given what would be logged.
     """
     options = ReadOptions(robot, quat_order, fps, up, units, angles)
     files, errors = [], []
     lines: list[str] = []
-    paths = motion_paths(patterns, strict=strict, told=lines)
+    equal: list[tuple[Path, Path]] = []
+    paths = motion_paths(patterns, strict=strict, told=lines, twice=equal)
     if told is not None:
-        told += lines
+        told += [*lines, *map(read_twice, equal)]
     else:
         for line in lines:
-            say(logging.INFO if line.startswith("ignored") else logging.DEBUG, readable(line))
+            say(logging.INFO, readable(line))
+        for pair in equal:
+            say(logging.DEBUG, readable(read_twice(pair)))
     listed = listed_paths(patterns)
     for path in tracked(paths, "reading motions", unit="files"):
         try:
@@ -159,7 +168,7 @@ def read_motion_files(
     else:
         for bad in errors:
             say(logging.WARNING, f"skipped: {readable(str(bad))}")
-    if twice := _twice(files, [line for line in lines if line.startswith("read twice")]):
+    if twice := _twice(files, dict(equal)):
         told.append(twice) if told is not None else say(logging.WARNING, readable(twice))
     return _named_apart(files)
 
@@ -311,12 +320,12 @@ def name_at(name: str, fps: float) -> str:
     return f"{without_rates(without_steps(name), 'motion')}_{fps:.10g}fps"
 
 
-def _twice(files: Sequence[MotionFile], known: Sequence[str]) -> str:
+def _twice(files: Sequence[MotionFile], equal: Mapping[Path, Path]) -> str:
     """Return a line about motions that several files hold, as a table and an archive of one clip; empty for none.
 
     Args:
         files: with their clips under the names that these have there.
-        known: lines about equal files, which are not told of again.
+        equal: files that are equal to another one, which are not told of again.
     """
     count = Counter(name for file in files for name in {clip.name for clip in file.clips})
     alike: dict[str, list[tuple[MotionClip, Path]]] = {}
@@ -328,7 +337,7 @@ def _twice(files: Sequence[MotionFile], known: Sequence[str]) -> str:
     for group in alike.values():
         group.sort(key=lambda one: float(one[0].qpos[0, 0]))  # equal ones stand side by side, whatever their number
         pairs += [(one, other) for one, other in pairwise(group) if one[1] != other[1] and _equal(one[0], other[0])]
-    pairs = [pair for pair in pairs if not any(all(str(path) in line for _, path in pair) for line in known)]
+    pairs = [pair for pair in pairs if len({equal.get(path, path) for _, path in pair}) > 1]
     if not pairs:
         return ""
     (clip, path), (_, other) = pairs[0]
@@ -387,9 +396,7 @@ def _with_sure_rates(
     judged by all.
     """
     against = Counter(error.folder for error in errors if isinstance(error, UnfitRateError))
-    fitting = Counter(
-        file.path.parent for file in files if any(note.startswith("fps assumed, and") for note in file.notes)
-    )
+    fitting = Counter(file.path.parent for file in files if file.rate_fits)
     kept, unsure = [], []
     for file in files:
         folder = file.path.parent
@@ -401,7 +408,7 @@ def _with_sure_rates(
             kept.append(file)
         else:
             told = f"and {contradicting} such files {'beside it' if alone else 'among these'} do not fit the usual ones"
-            what = f"nothing states its frames a second, {told}: state --fps"
+            what = f"nothing states its frames a second, {told}: state it: plat motions convert --fps"
             unsure.append(MotionError(f"motion file {str(file.path)!r}: {what}"))
     return kept, unsure
 

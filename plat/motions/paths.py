@@ -11,7 +11,7 @@ from pathlib import Path
 from plat.errors import MotionError
 from plat.files import as_path, expand_home
 
-__all__ = ["find_files", "listed_paths", "names_apart", "patterns_in"]
+__all__ = ["find_files", "listed_paths", "names_apart", "patterns_in", "read_twice"]
 
 # what to do with files of other kinds, by their endings
 _INSTEAD = {
@@ -22,7 +22,7 @@ _INSTEAD = {
     ".h5 .hdf5 .parquet .feather .mcap .bag .db3 .mat": "write root, joints and fps with np.savez, or a table (.csv)",
     ".zip .tar .gz .tgz .7z .rar .zst": "unpack it first",
     ".xml .mjcf": "keys of a model become keyframes: plat keyframes convert",
-    ".json .yaml .yml": "keyframes are for --keyframes; of motions write root, joints and fps with np.savez, or a .csv",
+    ".json .yaml .yml": "keyframes are for plat play --keyframes; of motions write root, joints and fps with np.savez",
     ".mp4 .mov .avi .mkv": "a video: motion is estimated from it by other programs, such as GVHMR",
 }
 
@@ -37,6 +37,7 @@ def find_files(
     named: Collection[str] = (),
     copies: bool = False,
     told: list[str] | None = None,
+    twice: list[tuple[Path, Path]] | None = None,
 ) -> list[Path]:
     """Return the files that paths, folders and globs name, without repeats, in sorted order for each.
 
@@ -48,7 +49,8 @@ def find_files(
         endings: of the files to look for, in small letters.
         named: those of them that folders are not searched for.
         copies: take copies as well.
-        told: is given a line for each copy that was left out, and for equal files that were not.
+        told: is given a line for each copy that was left out.
+        twice: is given each file that is equal to one before it and was taken, with that one.
 
     Raises:
         MotionError: when one of them names no such file, or another kind of file.
@@ -63,7 +65,7 @@ def find_files(
             every = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
             every = [file for file in every if not any(part.startswith(".") for part in file.relative_to(path).parts)]
             found = _without_lost(every, copies, told)
-            found = found if copies else _without_copies(found, told)
+            found = found if copies else _without_copies(found, told, twice)
         elif os.path.exists(path):
             found = [path]
         else:
@@ -111,6 +113,15 @@ def names_apart(paths: Sequence[Path]) -> list[str]:
     return names
 
 
+def read_twice(pair: tuple[Path, Path]) -> str:
+    """Return the line about a file and an equal one before it.
+
+    >>> read_twice((Path("b.npz"), Path("a.npz")))
+    'read twice: b.npz is the same as a.npz'
+    """
+    return f"read twice: {pair[0]} is the same as {pair[1]}"
+
+
 def _without_lost(paths: list[Path], strict: bool, told: list[str] | None) -> list[Path]:
     """Return those that are files; links whose files are not there are told of.
 
@@ -133,7 +144,7 @@ def _ending(path: Path) -> str:
     return path.suffix.lower()
 
 
-def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:
+def _without_copies(paths: list[Path], told: list[str] | None, twice: list[tuple[Path, Path]] | None) -> list[Path]:
     """Return the files without those that are named as copies of an equal file beside them."""
     kept: list[Path] = []
     known: dict[bytes, Path] = {}
@@ -144,7 +155,7 @@ def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:
             continue
         original = path.with_name(_COPY.sub("", path.stem) + path.suffix)
         copy = original != path and original.is_file()
-        if told is None and not copy:  # equal files are only told of, and to read them all takes long
+        if twice is None and not copy:  # equal files are only told of, and to read them all takes long
             kept.append(path)
             continue
         digest = _digest(path)
@@ -153,8 +164,8 @@ def _without_copies(paths: list[Path], told: list[str] | None) -> list[Path]:
                 told.append(f"ignored: {path}, a copy of {original.name}")
             continue
         kept.append(path)
-        if known.setdefault(digest, path) != path and path.stat().st_size and told is not None:
-            told.append(f"read twice: {path} is the same as {known[digest]}")
+        if known.setdefault(digest, path) != path and path.stat().st_size and twice is not None:
+            twice.append((path, known[digest]))
     return kept
 
 

@@ -8,7 +8,6 @@ from plat.errors import MotionError
 from plat.motions.formats import MotionFile, ReadOptions, read_csv, read_npy, read_npz, read_pickle
 from plat.motions.formats.root_turn import refuse_other_turns
 from plat.motions.formats.sonic import holds_sonic, read_sonic
-from plat.motions.formats.units import NO_UNIT
 from plat.motions.retargeting.joint_file import holds_human_joints
 from plat.motions.retargeting.poselib import holds_poselib
 from plat.motions.retargeting.reader import read_human_motion
@@ -28,7 +27,7 @@ def _of_robot(read: Reader) -> Reader:
     def checked(path: Path, options: ReadOptions) -> MotionFile:
         file = read(path, options)
         file = replace(file, unheard=(*file.unheard, "angles"))
-        if doubt := next((note for clip in file.clips for note in clip.notes if note.startswith(NO_UNIT)), None):
+        if doubt := next((clip.doubt for clip in file.clips if clip.doubt), ""):
             raise MotionError(doubt)
         if options.quat_order is None and not file.marked:
             refuse_other_turns(file.clips, options.soles)

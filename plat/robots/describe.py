@@ -7,6 +7,7 @@ from plat.bounds import Positive, check_robot, check_value
 from plat.deploy import Body, Foot, RobotDescription
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
+from plat.robots.sole_points import SOLE_GEOMS, touching_points
 
 __all__ = ["describe_robot"]
 
@@ -54,11 +55,10 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
 
 
 def _feet(robot: Robot, model: mujoco.MjModel) -> tuple[Foot, ...]:
-    """Return the feet with the lowest point of every sphere of their soles; none where soles are something else."""
-    soles = robot.sole_geoms(model)
-    if (model.geom_type[soles] != mujoco.mjtGeom.mjGEOM_SPHERE).any():
+    """Return the feet with the points that they stand on; none where a sole is of geoms that have no such points."""
+    if not np.isin(model.geom_type[robot.sole_geoms(model)], SOLE_GEOMS).all():
         return ()
-    points = model.geom_pos[soles] - model.geom_size[soles, :1] * (0.0, 0.0, 1.0)
     return tuple(
-        Foot(body, tuple((x, y, z) for x, y, z in sole)) for body, sole in zip(robot.feet, points.tolist(), strict=True)
+        Foot(body, tuple((x, y, z) for x, y, z in points.tolist()))
+        for body, points in zip(robot.feet, touching_points(robot, model), strict=True)
     )

@@ -1,16 +1,19 @@
 """MJCF descriptions: files to editable specs, and the contact geometry of the soles."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 import mujoco
 
-from plat.errors import RobotError
+from plat.bounds import Positive, check_value
+from plat.errors import ConfigError, RobotError
 from plat.json_file import short
+from plat.robots.motors import check_actuators
 from plat.robots.mujoco_log import leave_no_log_file
+from plat.words import counted, perhaps
 
 __all__ = [
     "FOOT_COUNTS",
@@ -42,6 +45,15 @@ class Capsule:
     """center of the other end (m)"""
     radius: float = 0.01
     """m"""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        point = tuple[float, float, float]
+        try:
+            for name, kind in (("start", point), ("end", point), ("radius", Positive)):
+                check_value(f"sole capsule: {name}", getattr(self, name), kind)
+        except ConfigError as error:
+            raise RobotError(str(error)) from None
 
 
 def asset_path(asset: str) -> Path:
@@ -83,35 +95,44 @@ def compile_spec(spec: mujoco.MjSpec, asset: str, robot: str) -> mujoco.MjModel:
         raise RobotError(f"robot {robot!r}: asset {asset!r} does not compile ({_one_line(error)})") from None
 
 
-def check_model(model: mujoco.MjModel, robot: str, bodies: Sequence[str], asset: str) -> None:
+def check_model(model: mujoco.MjModel, robot: str, bodies: Mapping[str, Sequence[str]], asset: str) -> None:
     """Check what plat relies on: the bodies, a free root joint, hinges, and one actuator per hinge in order.
+
+    Args:
+        model: compiled.
+        robot: name of the robot, for messages.
+        bodies: names of bodies by the field that holds them; the first of ``keypoints`` is the root.
+        asset: the file, for messages.
 
     Raises:
         RobotError: naming what is missing, or the body, joint or actuator that plat would take for another one.
     """
-    for body in bodies:
-        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
-            raise RobotError(f"robot {robot!r}: body {body!r} is not in {asset}")
+    known = [model.body(index).name for index in range(1, model.nbody)]
+    for field, names in bodies.items():
+        if missing := [name for name in names if name not in known]:
+            near = perhaps(missing[0], known)
+            raise RobotError(f"robot {robot!r}: {field}: body {missing[0]!r} is not in {asset}{near}")
     where = f"robot {robot!r}: {asset}"
     free, hinge = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
     types = model.jnt_type.tolist()
     if len(types) < 2 or types != [free] + [hinge] * (len(types) - 1):
         raise RobotError(f"robot {robot!r}: the joints of {asset} are not one free joint followed by hinges")
     if model.jnt_bodyid[0] != _ROOT:
-        root, first = (model.body(index).name for index in (model.jnt_bodyid[0], _ROOT))
-        raise RobotError(f"{where}: the free joint is that of body {root!r}, expected the first body, {first!r}")
-    if bodies and bodies[0] != model.body(_ROOT).name:
+        owner, first = (model.body(index).name for index in (model.jnt_bodyid[0], _ROOT))
+        raise RobotError(f"{where}: the free joint is that of body {owner!r}, expected the first body, {first!r}")
+    root = bodies["keypoints"][0]
+    if root != model.body(_ROOT).name:
         raise RobotError(
-            f"robot {robot!r}: keypoints: the first is {bodies[0]!r}, expected the root, {model.body(_ROOT).name!r}"
+            f"robot {robot!r}: keypoints: the first is {root!r}, expected the root, {model.body(_ROOT).name!r}"
         )
     driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
     if driven != list(range(1, model.njnt)):
         raise RobotError(
-            f"{where} has {model.nu} actuators, expected one position actuator for each of the "
+            f"{where} has {counted(len(driven), 'actuator')}, expected one position actuator for each of the "
             f"{model.njnt - 1} hinges, in their order"
         )
     _check_hinges(model, where)
-    _check_actuators(model, where)
+    check_actuators(model, where)
 
 
 def _check_hinges(model: mujoco.MjModel, where: str) -> None:
@@ -128,18 +149,6 @@ def _check_hinges(model: mujoco.MjModel, where: str) -> None:
             raise RobotError(f"{joint} has ref {ref:g} rad, expected none; give its body its pose at angle 0")
         if not model.jnt_limited[index]:
             raise RobotError(f"{joint} has no limits, expected its range")
-
-
-def _check_actuators(model: mujoco.MjModel, where: str) -> None:
-    """Check what gains, torque limits and the size of actions are read from."""
-    for index in range(model.nu):
-        actuator = f"{where}: the actuator of joint {model.joint(index + 1).name!r}"
-        stiffness, bias = model.actuator_gainprm[index, 0], model.actuator_biasprm[index]
-        affine = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
-        if not affine or stiffness <= 0 or bias[1] != -stiffness or model.actuator_gear[index, 0] != 1:
-            raise RobotError(f"{actuator} is no position actuator of gear 1, expected <position> with kp and kv")
-        if not model.actuator_forcelimited[index] or model.actuator_forcerange[index, 1] <= 0:
-            raise RobotError(f"{actuator} has no torque limits, expected its forcerange")
 
 
 def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[Capsule]) -> None:

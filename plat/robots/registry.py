@@ -1,12 +1,17 @@
 """Registry of robots by name, for saved policies, recipes and the command line."""
 
+import dataclasses
+import sys
 from pathlib import Path
+from typing import Any
 
 from plat.bounds import check_robot
 from plat.errors import RobotError
 from plat.json_file import read_json, short
 from plat.robots.g1 import G1
+from plat.robots.mjcf import Capsule
 from plat.robots.robot import Robot
+from plat.words import perhaps
 
 __all__ = ["get_robot", "register_robot", "registered_robots"]
 
@@ -46,12 +51,14 @@ def registered_robots() -> tuple[Robot, ...]:
 def get_robot(name_or_path: str | Path) -> Robot:
     """Return a robot by its name, or from a description file, which registers it.
 
+    What is read otherwise than its MJCF file says (:attr:`plat.robots.Robot.notes`) is printed on standard error.
+
     Args:
         name_or_path: name of a registered robot, or path of a JSON file that holds the fields of
             :class:`plat.robots.Robot`. Its ``asset`` is relative to that file.
 
     Raises:
-        RobotError: when there is no such robot or file, or a field of the file is missing or wrong.
+        RobotError: when there is no such robot or file, or a field of the file is missing, unknown or wrong.
 
     >>> get_robot("g1").num_joints
     29
@@ -66,24 +73,43 @@ def get_robot(name_or_path: str | Path) -> Robot:
             f"robot {short(str(name_or_path))} is unknown, expected one of {sorted(_ROBOTS)}, one that "
             "plat.robots.register_robot was given, or the path of a JSON description (--robot PATH)"
         )
-    return register_robot(_read(path))
+    robot = _read(path)
+    if robot.name not in _ROBOTS:
+        for note in robot.notes:
+            print(note, file=sys.stderr)
+    return register_robot(robot)
 
 
 def _read(path: Path) -> Robot:
-    from pydantic import (
-        TypeAdapter,
-        ValidationError,
-    )  # imported here: it takes 0.1 s, and only description files need it
-
     values = read_json(path, RobotError, repr(str(path)))
     if not isinstance(values, dict):
         raise RobotError(f"{str(path)!r}: holds {short(values)}, expected an object with the fields of a robot")
     if "format" in values:  # keyframe files have one
         raise RobotError(f"{str(path)!r}: is of format {short(values['format'])}, expected a robot's description")
     try:
-        robot = TypeAdapter(Robot).validate_python(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise RobotError(f"{str(path)!r}: {field}: {first['msg']}") from None
-    return robot.with_asset_in(path.parent)
+        fields = _fields(Robot, values, "")
+        capsules = fields.get("sole_capsules", ())
+        if isinstance(capsules, tuple):
+            fields["sole_capsules"] = tuple(
+                Capsule(**_fields(Capsule, one, f"sole_capsules[{index}]: ")) for index, one in enumerate(capsules)
+            )
+        robot = Robot(**fields).with_asset_in(path.parent)
+        # as it was, it was looked at already
+        return robot if _ROBOTS.get(robot.name) == robot else robot.check()
+    except RobotError as error:
+        raise RobotError(f"{str(path)!r}: {error}") from None
+
+
+def _fields(kind: type, values: Any, where: str) -> dict[str, Any]:
+    """Return the fields of a dataclass by name, with tuples in the place of lists."""
+    if not isinstance(values, dict):
+        raise RobotError(f"{where}holds {short(values)}, expected an object")
+    fields = dataclasses.fields(kind)
+    known = [field.name for field in fields]
+    if unknown := [name for name in values if name not in known]:
+        near = perhaps(unknown[0], known) or f", expected {', '.join(known)}"
+        raise RobotError(f"{where}unknown field {short(unknown[0])}{near}")
+    required = [field.name for field in fields if field.default is dataclasses.MISSING]
+    if missing := [name for name in required if name not in values]:
+        raise RobotError(f"{where}{missing[0]} is missing")
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

@@ -1,15 +1,19 @@
 """Robot description: model file, default pose, keypoints, feet and motors of a humanoid."""
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
-from plat.errors import RobotError
+from plat.bounds import NotEmpty, Range, check_value
+from plat.errors import ConfigError, RobotError
+from plat.json_file import short
 from plat.robots.contacts import FootContacts
 from plat.robots.mjcf import (
     Capsule,
@@ -20,11 +24,26 @@ from plat.robots.mjcf import (
     read_spec,
     replace_soles,
 )
+from plat.robots.motors import adopt_limits
+from plat.words import perhaps
 
 __all__ = ["FootContacts", "Robot", "without_side"]
 
 # A default pose may be this far (rad) beyond a joint's limits: a stance at the stop, rounded. Degrees are farther.
 _SLACK = 0.05
+# Higher (m) no root of a humanoid is: these are centimeters.
+_HIGHEST = 5.0
+
+_KINDS: dict[str, Any] = {
+    "asset": str,
+    "root_height": Annotated[float, Range(0, _HIGHEST, above=True)],
+    "default_pose": dict,
+    "keypoints": Annotated[tuple[str, ...], NotEmpty()],
+    "anchor": str,
+    "end_effectors": tuple[str, ...],
+    "feet": tuple[str, str],
+    "sole_capsules": tuple[Capsule, ...],
+}
 
 
 @dataclass(frozen=True)
@@ -35,9 +54,10 @@ class Robot:
         name: identifies the robot in caches, checkpoints and error messages.
         asset: MJCF description: a file name in ``plat/robots/assets``, or a path elsewhere. It has one free joint
             first, then hinges, and one position actuator a hinge in their order. Each hinge has a body of its own,
-            whose origin it goes through, a ``range`` and no ``ref``; each actuator has a ``forcerange``. Environments
-            read the contact sensors ``left_foot_contact`` and ``right_foot_contact`` (``data="found force"``),
-            ``ground_contact`` and ``self_contact`` (``data="found"``).
+            whose origin it goes through, a ``range`` and no ``ref``; each actuator has a ``forcerange``, or its joint
+            an ``actuatorfrcrange``. Targets are not clipped, see :attr:`notes`. Environments read the contact sensors
+            ``left_foot_contact`` and ``right_foot_contact`` (``data="found force"``), ``ground_contact`` and
+            ``self_contact`` (``data="found"``).
         root_height: height of the root above the floor in the default pose (m).
         default_pose: joint name to angle (rad); joints that are not named are 0.
         keypoints: bodies whose positions a keyframe commands; the first one is the root body.
@@ -47,7 +67,7 @@ class Robot:
         sole_capsules: contact geometry of a foot that ``feet="capsules"`` uses in place of the asset's own.
 
     Raises:
-        RobotError: by :meth:`model`, when a name is not in the model.
+        RobotError: for a field of another kind or out of its range; by :meth:`model`, when a name is not in the model.
 
     >>> from plat.robots import G1
     >>> G1.num_joints, len(G1.keypoints), round(G1.model().body_mass.sum(), 3)
@@ -64,6 +84,35 @@ class Robot:
     feet: tuple[str, str]
     sole_capsules: tuple[Capsule, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Check kinds and ranges of the fields."""
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise RobotError(f"robot: name is {short(self.name)}, expected a text that is not empty")
+        try:
+            for field, kind in _KINDS.items():
+                check_value(f"robot {self.name!r}: {field}", getattr(self, field), kind)
+            for joint, angle in self.default_pose.items():
+                check_value(f"robot {self.name!r}: default_pose: {joint!r}", angle, float)
+        except ConfigError as error:
+            raise RobotError(str(error)) from None
+        if "\0" in self.asset:
+            raise RobotError(f"robot {self.name!r}: asset {short(self.asset)} holds a null byte, expected a path")
+
+    def check(self) -> "Robot":
+        """Check every field against the model, and return the robot.
+
+        Raises:
+            RobotError: naming the field, and what would be right.
+
+        >>> from plat.robots import G1
+        >>> G1.check() is G1
+        True
+        """
+        if self.feet[0] == self.feet[1]:
+            raise RobotError(f"robot {self.name!r}: feet: {self.feet[0]!r} twice, expected the left and the right foot")
+        _ = self.default_joint_pos, self.notes
+        return self
+
     def spec(self, feet: FootContacts = "spheres") -> mujoco.MjSpec:
         """Return the editable description with a floor.
 
@@ -79,6 +128,7 @@ class Robot:
         if feet == "capsules" and not self.sole_capsules:
             raise RobotError(f"robot {self.name!r} has no sole_capsules, expected feet 'spheres'")
         spec = read_spec(self.asset, self.name)
+        adopt_limits(spec, self._where)
         floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
         floor.friction[0] = 0.0  # a contact has the larger one of both geoms: so it is the robot's, whatever that is
         if feet == "capsules":
@@ -102,7 +152,7 @@ class Robot:
         if foot_counts:
             add_foot_counts(spec)
         model = compile_spec(spec, self.asset, self.name)
-        check_model(model, self.name, (*self.keypoints, *self.feet), self.asset)
+        check_model(model, self.name, {"keypoints": self.keypoints, "feet": self.feet}, self.asset)
         if doubled := [body for index, body in enumerate(self.keypoints) if body in self.keypoints[:index]]:
             raise RobotError(f"robot {self.name!r}: keypoints: {doubled[0]!r} stands there twice")
         named = {"anchor": (self.anchor,), "end_effectors": self.end_effectors, "feet": self.feet}
@@ -119,6 +169,23 @@ class Robot:
         mujoco.mj_saveModel(self.shared_model, None, content)
         return content.tobytes()
 
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Return what is read otherwise than the MJCF description says, a line each.
+
+        A ``ctrlrange`` or ``inheritrange`` that reaches a joint's limits is left out: a policy's targets may lie beyond
+        them, in simulation and on a robot.
+
+        >>> from plat.robots import G1
+        >>> G1.notes
+        ()
+        """
+        return adopt_limits(read_spec(self.asset, self.name), self._where)
+
+    @property
+    def _where(self) -> str:
+        return f"robot {self.name!r}: {self.asset}"
+
     @property
     def asset_path(self) -> Path:
         """Return the path of the MJCF description."""
@@ -127,7 +194,7 @@ class Robot:
     def with_asset_in(self, folder: Path) -> "Robot":
         """Return the robot with a relative asset resolved in a folder, and plat's own where that has none."""
         beside = folder / self.asset
-        if beside.is_file():
+        if os.path.isfile(beside):  # Path's own raises for a name that is too long
             return replace(self, asset=str(beside.resolve()))
         path = self.asset_path
         return self if path.is_absolute() else replace(self, asset=str((folder / path).resolve()))
@@ -172,9 +239,9 @@ class Robot:
     @cached_property
     def default_joint_pos(self) -> Tensor:
         """Return the joint angles of the default pose ``[J]`` (rad)."""
-        unknown = set(self.default_pose) - set(self.joint_names)
-        if unknown:
-            raise RobotError(f"robot {self.name!r}: default_pose names no joint of the model: {sorted(unknown)}")
+        if unknown := sorted(set(self.default_pose) - set(self.joint_names)):
+            near = perhaps(unknown[0], self.joint_names)
+            raise RobotError(f"robot {self.name!r}: default_pose names no joint of the model: {short(unknown)}{near}")
         pose = torch.tensor([self.default_pose.get(name, 0.0) for name in self.joint_names])
         low, high = self.joint_range.unbind(-1)
         beyond = (pose < low - _SLACK) | (pose > high + _SLACK)

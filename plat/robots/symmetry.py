@@ -3,6 +3,7 @@
 The mirror is the plane y = 0. It turns a rotation about (x, y, z) into the same angle about (-x, y, -z).
 """
 
+import mujoco
 import numpy as np
 
 from plat.bounds import check_robot
@@ -13,10 +14,16 @@ __all__ = ["MIRRORED_AXIS", "joint_symmetry", "keypoint_symmetry"]
 
 MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
 """Signs of an axis of rotation in the mirror."""
+_MIRRORED_PLACE = np.array([1.0, -1.0, 1.0])
+# Descriptions are rounded: of places (m), and of axes.
+_TOLERANCE = 1e-3
 
 
 def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each joint ``[J]``, the joint whose angle it takes in the mirror, and the sign.
+
+    Axes and places of the joints are compared in the root's frame with all joints at 0, so the frames of the links on
+    the two sides may be turned as they like.
 
     Raises:
         RobotError: when the robot has no such symmetry.
@@ -36,15 +43,35 @@ def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
             f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
         )
     partner = np.array([robot.joint_names.index(name) for name in names])
-    model = robot.shared_model
-    axis = model.jnt_axis[1:]
-    body = model.jnt_bodyid[1:]
-    if not np.allclose(model.body_pos[body][partner] * [1, -1, 1], model.body_pos[body], atol=1e-3):
-        raise RobotError(f"robot {robot.name!r}: its links are not symmetric about the plane y = 0")
+    axis, place = _joints_at_zero(robot)
+    off = np.abs(place[partner] * _MIRRORED_PLACE - place).max(-1)
     sign = (axis[partner] * MIRRORED_AXIS * axis).sum(-1).round()
-    if not np.allclose(axis[partner] * MIRRORED_AXIS, sign[:, None] * axis, atol=1e-6):
-        raise RobotError(f"robot {robot.name!r}: its joint axes are not symmetric about the plane y = 0")
+    turned = np.abs(axis[partner] * MIRRORED_AXIS - sign[:, None] * axis).max(-1)
+    for what, difference in (("the place", off), ("the axis", turned)):
+        if difference.max() > _TOLERANCE:
+            joint = int(difference.argmax())
+            raise RobotError(
+                f"robot {robot.name!r}: with all joints at 0, {what} of {robot.joint_names[joint]!r} is not the mirror "
+                f"image of that of {robot.joint_names[partner[joint]]!r}: it is not symmetric about the plane y = 0"
+            )
     return partner, sign
+
+
+def _joints_at_zero(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return axis and place of each joint ``[J, 3]`` in the root's frame with all joints at 0.
+
+    The place is that from the joint before (m), so that small differences do not add up along a limb.
+    """
+    model = robot.shared_model
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    data.qpos[3] = 1.0
+    mujoco.mj_kinematics(model, data)
+    bodies = model.jnt_bodyid[1:]
+    before = model.body_parentid[bodies]
+    while (fixed := (before > 0) & (model.body_jntnum[before] == 0)).any():
+        before = np.where(fixed, model.body_parentid[before], before)
+    return data.xaxis[1:].copy(), data.xpos[bodies] - data.xpos[before]
 
 
 def keypoint_symmetry(robot: Robot) -> np.ndarray:

@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import torch
 
@@ -49,22 +49,32 @@ def begins(recipe: "RecipeConfig", library: "MotionLibrary", precision: Precisio
     )
 
 
-def next_command(out: Path, *words: str | Path | Sequence[str], robot: str = "g1") -> str:
+class _Settings(Protocol):
+    out: Path
+    robot: str
+    imports: tuple[str, ...]
+
+
+def next_command(settings: _Settings, *words: str | Path | Sequence[str]) -> str:
     """Return the lines that say where a run is, with those of its files that are there, and which command comes next.
 
     Args:
-        out: the run.
-        words: of the command.
-        robot: that the command is for, as its flag names it.
+        settings: of the command that made the run: its folder, and the robot and the modules of the user's that the
+            next one needs as well.
+        words: of the next command.
 
-    >>> print(next_command(Path("runs/a b"), "plat evaluate", Path("runs/a b"), "--motions", ("x.npz", "*.csv")))
+    >>> from plat.cli.options import AverageRecipe
+    >>> made = AverageRecipe(runs=(Path("a"), Path("b")), out=Path("runs/a b"), robot="toy.json", imports=("mine",))
+    >>> print(next_command(made, "plat evaluate", made.out, "--motions", ("x.npz", "*.csv")))
     the run is in runs/a b
-    next: plat evaluate 'runs/a b' --motions x.npz '*.csv'
+    next: plat evaluate 'runs/a b' --motions x.npz '*.csv' --robot toy.json --import mine
     """
     flat = [part for word in words for part in ([word] if isinstance(word, str | Path) else word)]
-    if robot != "g1":
-        flat += ["--robot", robot]
+    if settings.robot != "g1":
+        flat += ["--robot", settings.robot]
+    for name in settings.imports:
+        flat += ["--import", name]
     first, *rest = flat
     command = " ".join([str(first), *(shlex.quote(str(word)) for word in rest)])
-    files = ", ".join(name for name in _FILES if (out / name).exists())
-    return f"the run is in {out}{': ' if files else ''}{files}\nnext: {command}"
+    files = ", ".join(name for name in _FILES if (settings.out / name).exists())
+    return f"the run is in {settings.out}{': ' if files else ''}{files}\nnext: {command}"

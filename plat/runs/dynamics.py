@@ -16,6 +16,7 @@ from plat.runs.allocations import LimitedAllocations
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, run_folder
 from plat.runs.saved_run import save_weights
+from plat.runs.trained_for import check_trained_for
 from plat.spec.timing import Timing
 
 __all__ = ["DYNAMICS_FILE", "load_dynamics", "save_dynamics"]
@@ -33,6 +34,8 @@ def load_dynamics(
 ) -> DynamicsModel:
     """Return the dynamics model that a run has learned, in the shape of its weights, at the run's control step.
 
+    A model of a robot of another name may be gone on from, where it has as many joints.
+
     Args:
         folder: run directory of ``plat imagine``, ``plat expert-model`` or ``plat refine-model``, or the name of
             weights that come with plat.
@@ -41,13 +44,15 @@ def load_dynamics(
         num_parameters: of the robot's physics that it is to be told, see :meth:`plat.modules.DynamicsModel.take_over`.
 
     Raises:
-        CheckpointError: naming file and field, when the run has no model, or one of another robot.
+        CheckpointError: naming file and field, when the run has no model, one of another number of joints, or one of a
+            robot that had this name and was another one.
     """
     device = check_device(device)
     folder = run_folder(folder)
     path, dt = folder / DYNAMICS_FILE, _control_dt(folder / CONFIG_FILE)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected a run of imagination (`plat imagine`)")
+    check_trained_for(read_json(folder / CONFIG_FILE).get("policy"), robot, folder / CONFIG_FILE)
     try:
         weights = load_file(path)
         if broken := [name for name, tensor in weights.items() if not torch.isfinite(tensor).all()]:

@@ -2,18 +2,22 @@
 
 import re
 import tempfile
+from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from plat.errors import CheckpointError
-from plat.files import copy_file, write_file
+from plat.files import copy_file, replace_table, write_file
 
-__all__ = ["HUB_PREFIX", "download_run", "upload_run"]
+__all__ = ["HUB_PREFIX", "download_run", "hub_name", "repository_name", "upload_run"]
 
 HUB_PREFIX = "hf:"
 """Before the name of a repository: ``"hf:owner/name"`` or ``"hf:owner/name@revision"``."""
-_FILES = ["config.json", "model.safetensors", "evaluation.csv"]
+# Settings and weights, without which there is no run; a learned model of the robot; scores.
+_FILES = ["config.json", "model.safetensors", "dynamics.safetensors", "evaluation.csv"]
+_SCORES = _FILES[3]
+_COLUMNS = ("policy", "horizon", "metric", "value", "low", "high")
 _NAME = re.compile(r"[\w.-]{1,96}/[\w.-]{1,96}(@[\w./-]{1,96})?", re.ASCII)
 
 
@@ -40,14 +44,46 @@ def download_run(name: str) -> Path:
     return folder
 
 
-def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -> None:
-    """Upload config, weights and scores of a run to the Hub, with a card. Log in first: ``hf auth login``.
+def hub_name(run: str | PurePath) -> str | None:
+    """Return the name on the Hub that is meant by a run's; None where it is that of a folder.
+
+    A path of Windows has backslashes for the slashes of the name.
+
+    >>> from pathlib import PureWindowsPath
+    >>> hub_name(PureWindowsPath("hf:owner/name")), hub_name("runs/plat")
+    ('hf:owner/name', None)
+    """
+    name = run.as_posix() if isinstance(run, PurePath) else run
+    return name if name.startswith(HUB_PREFIX) else None
+
+
+def repository_name(folder: PurePath) -> str | None:
+    """Return the name, without its owner, of the repository that a folder of the client's cache is a snapshot of.
+
+    The folder itself is called by the hash of a commit. None for other folders.
+
+    >>> repository_name(Path("hub/models--owner--walker/snapshots/0a1b2c"))
+    'walker'
+    >>> repository_name(Path("runs/plat"))
+    """
+    kind, _, name = folder.parent.parent.name.partition("--")
+    return name.rpartition("--")[2] if kind == "models" and folder.parent.name == "snapshots" else None
+
+
+def upload_run(
+    run: str | Path, name: str, card: str, *, private: bool = True, scores: Sequence[Sequence[object]] = ()
+) -> None:
+    """Upload config, weights, learned model and scores of a run to the Hub, with a card.
+
+    Log in first: ``hf auth login``.
 
     Args:
         run: its directory.
         name: ``"hf:owner/name"``; the repository is made if it is not there.
         card: Markdown, for example of :func:`plat.export.card.run_card`.
         private: whether a new repository is private.
+        scores: rows of the run in a table beside its directory, such as :attr:`plat.runs.SavedRun.scores`; they are
+            uploaded where the directory has no table of its own.
 
     Raises:
         CheckpointError: for a name of another form, a directory without a run, when huggingface-hub is not
@@ -65,6 +101,9 @@ def upload_run(run: str | Path, name: str, card: str, *, private: bool = True) -
         for file in _FILES:
             if (Path(run) / file).is_file():
                 copy_file(Path(run) / file, Path(folder) / file, "a copy")
+        if scores and not (table := Path(folder) / _SCORES).exists():
+            rows = [(repo.partition("/")[2], *row) for row in scores]
+            write_file(table, lambda part: replace_table(part, _COLUMNS, rows), "the scores")
         write_file(Path(folder) / "README.md", lambda part: part.write_text(card, encoding="utf-8"), "the card")
         try:
             api = hub.HfApi()

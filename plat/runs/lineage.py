@@ -7,6 +7,7 @@ from typing import Any
 from torch import nn
 
 from plat.errors import PlatError
+from plat.motions.generation import PREFIX
 from plat.runs.inputs import saved_inputs, weights_print
 from plat.runs.locate import is_run, shipped_runs
 from plat.runs.saved_run import SavedRun
@@ -107,6 +108,6 @@ def trained_on(run: SavedRun) -> list[str]:
 def _short(motions: str) -> str:
     """Return the name of a motion file, folder or generated motion."""
     name = PurePath(str(motions).replace("\\", "/")).name
-    if str(motions).startswith("generated"):
+    if str(motions).startswith(PREFIX):
         return "generated"
     return name.removesuffix(PurePath(name).suffix).removesuffix("_train")

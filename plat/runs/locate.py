@@ -5,7 +5,7 @@ from pathlib import Path
 
 from plat.errors import CheckpointError
 from plat.files import as_path
-from plat.runs.hub import HUB_PREFIX, download_run
+from plat.runs.hub import download_run, hub_name
 from plat.runs.json_object import read_json
 
 __all__ = ["CONFIG_FILE", "is_run", "run_folder", "shipped_runs"]
@@ -47,8 +47,8 @@ def run_folder(run: str | Path) -> Path:
     path = as_path(run, "run", CheckpointError)
     if os.path.exists(path):  # false for a name that is too long, too
         return path
-    if str(run).startswith(HUB_PREFIX):
-        return download_run(str(run))
+    if name := hub_name(path):
+        return download_run(name)
     shipped = shipped_runs()
     if str(run) in shipped:
         return shipped[str(run)]

@@ -32,6 +32,7 @@ from plat.modules.policies import (
 from plat.robots import Robot, get_robot
 from plat.runs.allocations import LimitedAllocations
 from plat.runs.inputs import same_robot
+from plat.runs.trained_for import TRAINED_FOR, check_trained_for, trained_for
 from plat.spec.timing import timing_of
 
 __all__ = [
@@ -119,11 +120,16 @@ def register_policy(
 def policy_spec(policy: Any) -> dict[str, Any]:
     """Return the description from which :func:`build_policy` makes an equal object.
 
-    It holds the kind, the robot, the sizes, and the student of a policy that is built on one.
+    It holds the kind, the robot, the sizes, the student of a policy that is built on one, and what it depends on of
+    its robot (:func:`plat.runs.trained_for.trained_for`).
 
     Raises:
         CheckpointError: when the policy's class is not registered.
     """
+    return {**_spec(policy), TRAINED_FOR: trained_for(policy.robot)}
+
+
+def _spec(policy: Any) -> dict[str, Any]:
     found = type(policy)
     name = next((name for name, kind in _KINDS.items() if kind.policy_class is found), None)
     if name is None:
@@ -133,7 +139,7 @@ def policy_spec(policy: Any) -> dict[str, Any]:
     kind = _KINDS[name]
     config = TypeAdapter(kind.config_class).dump_python(policy.config, mode="json")
     spec = {"kind": name, "robot": policy.robot.name, "config": config}
-    return {**spec, "student": policy_spec(policy.student)} if kind.base == "student" else spec
+    return {**spec, "student": _spec(policy.student)} if kind.base == "student" else spec
 
 
 def complete_spec(spec: Any, path: Path) -> dict[str, Any]:
@@ -154,7 +160,8 @@ def build_policy(spec: Any, path: Path) -> Policy:
         path: its file, for messages.
 
     Raises:
-        CheckpointError: naming file and field, when it describes no policy.
+        CheckpointError: naming file and field, when it describes no policy, or one for a robot that had this name and
+            was another one.
     """
     if not isinstance(spec, dict) or not {"kind", "robot", "config"} <= set(spec):
         raise CheckpointError(f"{str(path)!r}: 'policy' is not an object with 'kind', 'robot' and 'config'")
@@ -162,6 +169,7 @@ def build_policy(spec: Any, path: Path) -> Policy:
         robot = get_robot(spec["robot"])
     except RobotError as error:
         raise CheckpointError(f"{str(path)!r}: the policy is for another robot: {error}") from None
+    check_trained_for(spec, robot, path)
     if not isinstance(spec["kind"], str) or spec["kind"] not in _KINDS:
         raise CheckpointError(
             f"{str(path)!r}: unknown kind of policy {short(spec['kind'])}, expected one of {sorted(_KINDS)} "

@@ -18,6 +18,7 @@ from plat.files import check_folder
 from plat.runs.budget import Budget
 from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.runs.outputs import check_out
+from plat.runs.user_modules import Imports, import_modules
 from plat.streams import standard_streams
 
 __all__ = ["RecipeConfig", "begin", "default_device", "on_device", "report_errors"]
@@ -56,12 +57,13 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a device, robot, physics or Ray that is not there, no budget, a folder that cannot be written to,
-            one that holds a run already, or one that holds none to resume.
+        PlatError: for a module, device, robot, physics or Ray that is not there, no budget, a folder that cannot be
+            written to, one that holds a run already, or one that holds none to resume.
     """
     from plat.robots import get_robot  # torch, as above
 
     recipe = on_device(recipe)
+    import_modules(recipe.imports)
     get_robot(recipe.robot)  # a description file makes the robot of the runs that it goes on from known
     Budget(recipe.minutes, recipe.steps)
     check_physics(recipe.physics)
@@ -120,6 +122,8 @@ class RecipeConfig(Bounded):
     """seconds between logged videos of the policy on the first motion; 0 for none"""
     save_every: NonNegative = 120.0
     """seconds between checkpoints"""
+    imports: Imports = ()
+    """module that registers policy classes of your own"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

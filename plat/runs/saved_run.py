@@ -15,6 +15,7 @@ from plat.errors import CheckpointError
 from plat.files import readable, replace_file
 from plat.gpu import check_device
 from plat.json_file import short
+from plat.runs.hub import repository_name
 from plat.runs.json_object import read_json
 from plat.runs.locate import CONFIG_FILE, is_run, run_folder
 from plat.runs.outputs import WEIGHTS_FILE
@@ -60,8 +61,9 @@ class SavedRun:
 
     @property
     def name(self) -> str:
-        """Return the name of the directory."""
-        return readable(self.folder.resolve().name)
+        """Return the name of the directory; of a run from the Hugging Face Hub that of its repository."""
+        folder = self.folder.resolve()
+        return readable(repository_name(folder) or folder.name)
 
     @property
     def kind(self) -> str | None:

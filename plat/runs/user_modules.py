@@ -5,11 +5,17 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import tyro
 
 from plat.bounds import as_names
 from plat.errors import ConfigError
 
-__all__ = ["import_modules", "imported_code"]
+__all__ = ["Imports", "import_modules", "imported_code"]
+
+Imports: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(name="import"), tyro.conf.UseAppendAction]
+"""Modules to import before a policy is loaded: ``--import NAME`` for each."""
 
 _imported: set[str] = set()
 

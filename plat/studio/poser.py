@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import daqp  # noqa: F401  (the solver that mink looks for)
 import mink
 import mujoco
 import numpy as np

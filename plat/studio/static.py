@@ -18,6 +18,7 @@ from plat.files import check_folder
 from plat.keyframes.chain_families import INSIDE
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.robots.robot import Robot
+from plat.robots.sole_points import sole_points
 from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
 from plat.scratch import Scratch
 from plat.spec.parts import Parts
@@ -105,7 +106,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
     if model.nmesh or model.nhfield or model.ntex:
         raise StudioError(f"robot {robot.name!r}: its description has meshes or textures, which this page cannot load")
     partner, sign = joint_symmetry(robot)
-    soles, reach = robot.sole_geoms(model), ReachLimits()
+    soles, reach = sole_points(robot, model), ReachLimits()
     doubts = FeasibilityLimits()
     return {
         "robot": robot.name,
@@ -122,8 +123,8 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
         "end_effectors": list(robot.end_effectors),
         "feet": list(robot.feet),
         "soles": [
-            [{"pos": model.geom_pos[geom].tolist(), "radius": float(model.geom_size[geom, 0])} for geom in foot]
-            for foot in soles
+            [{"pos": center.tolist(), "radius": float(radius)} for center, radius in zip(*foot, strict=True)]
+            for foot in zip(*soles, strict=True)
         ],
         "mirror": {
             "partner": partner.tolist(),

@@ -1,18 +1,20 @@
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from plat.cli import keyframes
+from plat.cli import keyframes, main
 from plat.errors import KeyframeError, MotionError, OutputError, PlatError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
 from plat.keyframes.mjcf import write_mjcf_keys
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
+from plat.spec.timing import Timing
 from tests.crossed import ABOVE, BELOW
 
 ROOT = Path(__file__).parents[2]
@@ -88,7 +90,7 @@ def test_arms_are_led_around(tmp_path, capsys):
     assert capsys.readouterr().out == f"wrote {out}: 3 keyframes, 1 of them on the way to others\n"
     assert [keyframe.time for keyframe in KeyframeSequence.load(out, G1).keyframes] == [1.0, 1.5, 2.0]
     keyframes.main(keyframes.Show(file=file))
-    assert "on the straight way there: plat keyframes around" in capsys.readouterr().out
+    assert f"on the straight way there: plat keyframes around {file} --out" in capsys.readouterr().out
     keyframes.main(keyframes.Show(file=out))
     assert "may be out of reach" not in capsys.readouterr().out
     assert len(led) == 3
@@ -96,6 +98,18 @@ def test_arms_are_led_around(tmp_path, capsys):
     assert capsys.readouterr().out.endswith("again.json: 3 keyframes, as they were: every straight way is clear\n")
     with pytest.raises(OutputError, match="crossed.json"):
         keyframes.main(keyframes.Around(file=file, out=file))
+
+
+def test_the_command_that_leads_around_is_for_the_same_file_robot_and_timing(tmp_path, capsys):
+    file = tmp_path / "crossed arms.json"
+    write_keyframes(file, G1, standing(G1), (ABOVE, BELOW.at(3.0)))
+    keyframes.main(keyframes.Show(file=file, timing=Timing(max_steps=150)))
+    advised = re.search("plat (keyframes around .*) puts one between", capsys.readouterr().out)[1]
+    assert advised.endswith(" --timing.max-steps 150")
+    main(shlex.split(advised))
+    assert len(KeyframeSequence.load(tmp_path / "crossed arms_around.json", G1, timing=Timing(max_steps=150))) == 3
+    keyframes.main(keyframes.Show(file=file, split=True))
+    assert "plat keyframes around" not in capsys.readouterr().out  # which splits nothing
 
 
 def test_one_keyframe_is_called_one(tmp_path, capsys):
@@ -343,7 +357,7 @@ def test_a_partial_keyframe_that_cannot_be_converted_is_named_as_in_its_file(tmp
         content = json.loads(drawn.read_text())
         del content["start"]
         drawn.write_text(json.dumps(content))
-    with pytest.raises(KeyframeError, match=r"p.json': keyframe 1: it commands parts of a pose, and .* whole ones"):
+    with pytest.raises(KeyframeError, match=r"p.json': keyframe 1 commands parts of a pose, expected a whole one"):
         keyframes.main(keyframes.ConvertKeyframes(file=drawn, out=tmp_path / out, kimodo=kimodo))
     assert not (tmp_path / out).exists()
 

@@ -1,4 +1,5 @@
 import io
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -12,15 +13,17 @@ from plat.recipes.expert import ExpertRecipe
 from plat.recipes.refine import RefineRecipe
 
 ROOT = Path(__file__).parents[2]
-DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SHELL = re.compile(r"^ *```(?:sh|bash|shell|console)\b[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 REQUIRED = ["--motions", "x.npz", "--out", "x"]
 
 
 def commands(text: str) -> list[list[str]]:
     """Return the calls of plat in the shell blocks of a page, their variables filled in."""
     found, variables = [], {}
-    for block in text.split("```sh\n")[1:]:
-        for line in block.split("```")[0].replace("\\\n", " ").splitlines():
+    for block in SHELL.findall(text):
+        for line in block.replace("\\\n", " ").splitlines():
+            line = line.strip().removeprefix("$ ")
             for name in sorted(variables, key=len, reverse=True):
                 line = line.replace("$" + name, variables[name])
             words = shlex.split(line, comments=True)
@@ -39,6 +42,14 @@ NAMES = [f"{page.stem}: {shlex.join(words)[:60]}" for page, words in PAGES]
 def test_commands_in_the_docs_are_understood(page, words):
     name, *rest = words
     assert parse(COMMANDS[name].kind(), rest) is not None
+
+
+def test_every_block_for_a_shell_is_read():
+    text = "```sh\nplat a\n```\n```bash\nplat b \\\n  --c\n```\n- x\n  ```console\n  $ plat d\n  ```\n"
+    text += "```python\nplat e\n```\n"
+    assert commands(text) == [["a"], ["b", "--c"], ["d"]]
+    marked = {mark for page in DOCS for mark in re.findall(r"```(\w+)", page.read_text(encoding="utf-8"))}
+    assert marked <= {"bash", "json", "mermaid", "python", "sh", "yaml"}  # a new kind of shell block is to be read, too
 
 
 def test_the_weights_say_how_they_are_made():

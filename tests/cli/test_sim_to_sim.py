@@ -76,8 +76,9 @@ def test_the_table(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "1 sequence, 2 keyframes, 0 s"
     assert lines[1].split() == ["TKS@3", "%", "falls", "%", "MPJPE@3", "rad", "MPKPE@3", "mm"]
-    assert [len(scores) for scores in results.values()] == [2] * len(sim_to_sim.SETTINGS)
-    for physics, line in zip(sim_to_sim.SETTINGS, lines[2:], strict=False):
+    settings = sim_to_sim.physics_settings(0.02)
+    assert [len(scores) for scores in results.values()] == [2] * len(settings)
+    for physics, line in zip(settings, lines[2:], strict=False):
         share = 100 * np.mean([score.success for score in results[physics.name]])
         assert line.startswith(physics.name)
         assert f"{share:.1f}" in line
@@ -119,7 +120,8 @@ def test_a_sequence_that_ends_early_costs_its_own_keyframes_alone(tmp_path, monk
             return np.full(29, target) if keyframe.name == "bad" else np.asarray(keyframe.joint_pos)
 
     monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: Runner())
-    monkeypatch.setattr(sim_to_sim, "SETTINGS", sim_to_sim.SETTINGS[:2])
+    settings = sim_to_sim.physics_settings(0.02)[:2]
+    monkeypatch.setattr(sim_to_sim, "physics_settings", lambda control_dt: settings)
     pose = standing(G1)
     files = tmp_path / "bad.json", tmp_path / "good.json"
     for file, name in zip(files, ("bad", "good"), strict=True):

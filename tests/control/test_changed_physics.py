@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from plat.control import Chase, Simulator
-from plat.control.changed_physics import Delayed, PhysicsSetting, make_model
+from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, physics_settings
 from plat.errors import KeyframeError
 from plat.keyframes import KeyframeSequence, only, standing
-from plat.robots import G1
+from plat.robots import G1, describe_robot
 from plat.spec.timing import Timing
 from tests.control.puppets import Puppet
 from tests.deploy.robots import describe_g1
@@ -20,6 +20,20 @@ def test_nothing_changes_unless_asked():
     for field in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "geom_friction"):
         np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
     assert ours.opt.timestep == theirs.opt.timestep
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.01, 1 / 60])
+def test_settings_are_those_of_the_control_step(dt):
+    settings = {physics.name: physics for physics in physics_settings(dt)}
+    (late,) = (physics for name, physics in settings.items() if name.endswith("ms control delay"))
+    assert late.delay == 1
+    assert float(late.name.split()[0]) == pytest.approx(1000 * dt, rel=1e-2)
+    robot = describe_robot(G1, dt)
+    for physics in settings.values():
+        Simulator(make_model(G1, robot, physics), dt)  # a whole number of physics steps
+    assert make_model(G1, robot, settings["as in training"]).opt.timestep == pytest.approx(dt / 4)
+    steps = [float(name.split()[0]) for name in settings if name.endswith("physics steps")]
+    assert steps == pytest.approx([1.0], abs=0.05)
 
 
 def test_gains_are_those_of_the_bundle_times_a_factor():

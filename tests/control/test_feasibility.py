@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from plat.spec.timing import Timing
 from tests.crossed import ABOVE, BELOW
 
 STAND = standing(G1)
+EXAMPLES = Path(__file__).parents[2] / "recipes" / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +141,19 @@ def test_hands_in_the_body(feasibility: Feasibility) -> None:
     for hand, expected in (("left", ["self_penetration"]), ("right", [])):
         commands = Parts.only(G1, bodies=[f"{hand}_wrist_yaw_link"])
         assert measures(feasibility(STAND, replace(folded, commands=commands))) == expected
+
+
+def test_hands_that_meet_may_turn_out_of_each_other(feasibility: Feasibility) -> None:
+    """Of the shipped circle the hands are drawn through each other in three keyframes, in one at one place."""
+    drawn = KeyframeSequence.load(EXAMPLES / "hands.json", G1)
+    whole = [feasibility(STAND, replace(keyframe, commands=None)) for keyframe in drawn.keyframes]
+    assert [number for number, found in enumerate(whole) if "self_penetration" in measures(found)] == [3, 4, 5]
+    found = feasibility.sequence(drawn)
+    assert [number for number, concerns in enumerate(found) if concerns] == [4]
+    assert measures(found[4]) == ["self_penetration"]
+    yaw = Parts.only(G1, joints=["left_wrist_yaw", "right_wrist_yaw"])
+    turned = replace(drawn.keyframes[3].commands, joints=yaw.joints)  # they are not free to
+    assert measures(feasibility(STAND, replace(drawn.keyframes[3], commands=turned))) == ["self_penetration"]
 
 
 def test_of_a_partial_keyframe_only_what_it_commands_is_measured(feasibility: Feasibility) -> None:

@@ -33,5 +33,5 @@ def test_the_jacobian_is_the_derivative_of_the_points():
 
 
 def test_a_robot_without_feet():
-    with pytest.raises(RobotError, match="robot 'g1': its description has no feet, export the bundle again"):
+    with pytest.raises(RobotError, match="robot 'g1': its description has no feet: export the bundle again, with"):
         SoleKinematics(replace(describe_g1(), feet=()))

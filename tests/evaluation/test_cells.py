@@ -1,3 +1,4 @@
+import errno
 import functools
 import signal
 import tempfile
@@ -9,7 +10,7 @@ import mujoco
 import pytest
 import torch
 
-from plat.errors import ActionError, PlatError
+from plat.errors import ActionError, OutputError, PlatError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, cells
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint, robot_fingerprint
 from plat.evaluation.disturbance import Disturbance
@@ -149,6 +150,15 @@ def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkey
     assert len(scratch) == 1
     assert not scratch[0].exists()
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_a_full_disk_under_the_motions_for_processes_is_one_line(candidate, clips, parts_of_two, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(OutputError, match=r"motions for the workers cannot be written to '.*plat-evaluation-.*TMPDIR"):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=2))
 
 
 @pytest.mark.slow

@@ -79,15 +79,33 @@ def test_limits_of_what_learned_by_imagination(card, strength, sentence):
 
 
 def test_data_sets_have_their_licenses_by_name(card):
-    text = card(motions=["/home/me/bandai_train.npz", "generated:train@60", "mine.npz"])
+    text = card(motions=["/home/me/bandai_train.npz", "generated:train@60", "mine.npz", r"C:\me\hard_free_train.npz"])
     assert "| `bandai_train.npz` | Bandai-Namco Research Motion Dataset 1 and 2" in text
-    assert "| CC BY-NC 4.0 |" in text
+    assert "G1, by the file's name | CC BY-NC 4.0 |" in text
     assert "| `generated:train@60` | motions that plat generates | Apache-2.0 |" in text
-    assert "| `mine.npz` | not known to plat | ask who made them |" in text
-    assert "/home/me" not in text
-    assert "strictest of these licenses: ask who made them." in text
-    text = card(motions=["asap.npz", "bandai.npz", "hard_sa.npz"])
-    assert "strictest of these licenses: CC BY-NC 4.0." in text
+    assert "| `mine.npz` | unknown to plat | unknown: ask who made them |" in text
+    assert "me/" not in text
+    assert "me\\" not in text
+    (free,) = (line for line in text.splitlines() if line.startswith("| `hard_free_train.npz`"))
+    for credit in ("mocap.cs.cmu.edu", "Jasmine Coro", "Mike Gassaway", "100STYLE (Ian Mason", "CC BY 4.0"):
+        assert credit in free
+    assert (
+        "The license of some of these motions is unknown. The strictest of the others, if the names of the files are "
+        "right: CC BY-NC 4.0." in text
+    )
+
+
+@pytest.mark.parametrize(
+    ("motions", "told"),
+    [
+        (["asap.npz", "bandai.npz", "hard_sa.npz"], "these licenses, if the names of the files are right: CC BY-NC"),
+        (["generated:val@9"], "The strictest of these licenses: Apache-2.0."),
+        (["mine.npz"], "Their licenses are unknown."),
+        (["generated_by_me.npz", "asapresults.npz", "asap_mine.npz", "my_bandai.npz"], "Their licenses are unknown."),
+    ],
+)
+def test_what_the_names_of_files_do_not_tell_is_not_claimed(card, motions, told):
+    assert told in card(motions=motions)
 
 
 def test_a_picture_and_a_scene_are_named_where_they_are(card):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plat.errors import KeyframeError
-from plat.keyframes import Keyframe
+from plat.keyframes import Keyframe, only
 from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
 from plat.robots import G1
 
@@ -111,6 +111,12 @@ def test_what_is_no_keys_of_the_robot(tmp_path, text, message):
     (tmp_path / "a.xml").write_text(text)
     with pytest.raises(KeyframeError, match=rf"a.xml'.*{message}"):
         read_mjcf_keys(tmp_path / "a.xml", G1)
+
+
+def test_a_partial_keyframe_is_refused(tmp_path):
+    with pytest.raises(KeyframeError, match=r"a.xml': keyframe 1 \('low'\) commands .* MJCF keys have"):
+        write_mjcf_keys(tmp_path / "a.xml", G1, [POSES[0], only(G1, 1.0, height=0.7, name="low")])
+    assert not (tmp_path / "a.xml").exists()
 
 
 def test_a_file_is_included_once(tmp_path):

@@ -75,6 +75,14 @@ def test_a_motion_in_two_files_is_told(tmp_path, caplog, other):
     assert "read twice" not in caplog.text
 
 
+def test_equal_files_are_told_of_once_each(tmp_path):
+    for name in ("a.npz", "b.npz", "c.npz"):
+        write_plat(tmp_path / name, bowing_clip())
+    told: list[str] = []
+    assert len(read_motion_files(tmp_path, told=told)) == 3
+    assert told == [f"read twice: {tmp_path / name} is the same as {tmp_path / 'a.npz'}" for name in ("b.npz", "c.npz")]
+
+
 def test_no_clips_are_no_file(tmp_path):
     with pytest.raises(MotionError, match=r"a.npz': no clips, expected at least one"):
         save_motions(tmp_path / "a.npz", [])

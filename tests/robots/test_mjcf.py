@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,6 +11,10 @@ MINIMAL = """<mujoco><worldbody><body name="pelvis"><freejoint/><geom size=".1"/
 <body name="foot"><joint name="knee_joint" range="-60 60"/><geom size=".1"/></body></body></worldbody>{}</mujoco>"""
 MOTOR = '<actuator><position joint="knee_joint" kp="50" kv="2" forcerange="-9 9"/></actuator>'
 TINY = MINIMAL.format(MOTOR)
+GENERAL = MINIMAL.format(
+    '<actuator><general joint="knee_joint" gaintype="fixed" gainprm="50" biastype="affine" biasprm="0 -50 -2" '
+    'forcerange="-9 9"/></actuator>'
+)
 
 
 def robot(path, text: str, **changes):
@@ -53,6 +58,31 @@ def test_an_asset_may_be_a_path_elsewhere(tmp_path):
             TINY.replace('forcerange="-9 9"', ""),
             "the actuator of joint 'knee_joint' has no torque limits, expected its forcerange",
         ),
+        (
+            TINY.replace('forcerange="-9 9"', 'forcerange="-5 9"'),
+            "the actuator of joint 'knee_joint' has forcerange -5 9, expected one torque .*, such as -9 9",
+        ),
+        (
+            TINY.replace("range=", 'actuatorfrcrange="-5 9" range=', 1),
+            "joint 'knee_joint' has actuatorfrcrange -5 9, expected one torque .*, such as -9 9",
+        ),
+        (
+            TINY.replace("kp=", 'ctrlrange="-0.5 1.1" kp='),
+            "'knee_joint' has ctrlrange -0.5 1.1 inside the joint's range -1.0472 1.0472, expected none: plat does not",
+        ),
+        (TINY.replace("kp=", 'inheritrange="0.5" kp='), "has ctrlrange -0.523599 0.523599 inside the joint's range"),
+        (
+            TINY.replace("kp=", 'timeconst="0.1" kp='),
+            "'knee_joint' has activation dynamics, expected none: .* leave out its timeconst or dyntype",
+        ),
+        (
+            TINY.replace("kp=", 'delay="0.01" nsample="4" kp='),
+            "'knee_joint' has a delay of 0.01 s, expected none: nothing resets",
+        ),
+        (TINY.replace("<position", "<pid"), "'knee_joint' is no position actuator of gear 1"),
+        (GENERAL.replace("0 -50 -2", "1 -50 -2"), "'knee_joint' is no position actuator of gear 1"),
+        (GENERAL.replace('gaintype="fixed"', 'gaintype="affine"'), "'knee_joint' is no position actuator of gear 1"),
+        (TINY.replace('name="foot"', 'name="foot1"'), "keypoints: body 'foot' is not in .*, perhaps 'foot1'"),
     ],
 )
 def test_a_bad_asset_is_one_line(tmp_path, text, message):
@@ -60,6 +90,54 @@ def test_a_bad_asset_is_one_line(tmp_path, text, message):
         robot(tmp_path / "tiny.xml", text).model()
     assert "\n" not in str(caught.value)
     assert "'tiny'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "joint", "effort"),
+    [
+        ("", 'actuatorfrcrange="-7 7"', 7.0),
+        ('forcerange="-9 9"', 'actuatorfrcrange="-7 7"', 7.0),
+        ('forcerange="-9 9"', 'actuatorfrcrange="-20 20"', 9.0),
+        ('forcerange="-9 9"', 'actuatorfrcrange="-7 7" actuatorfrclimited="false"', 9.0),
+        ('forcerange="-9 9"', "", 9.0),
+    ],
+)
+def test_the_torque_limit_is_the_narrower_of_actuator_and_joint(tmp_path, actuator, joint, effort):
+    text = TINY.replace('forcerange="-9 9"', actuator).replace("range=", f"{joint} range=", 1)
+    tiny = robot(tmp_path / "tiny.xml", text)
+    assert tiny.effort_limit.tolist() == [effort]
+    assert tiny.action_scale.tolist() == pytest.approx([0.25 * effort / 50])
+    model, theirs = tiny.model(), mujoco.MjModel.from_xml_string(text)
+    for one in (model, theirs):  # a target far away: MuJoCo moves the joint alike by the description as it is
+        data = mujoco.MjData(one)
+        data.ctrl[:] = 1.0
+        mujoco.mj_forward(one, data)
+        assert data.qfrc_actuator[-1] == pytest.approx(min(effort, 50.0))
+
+
+@pytest.mark.parametrize(
+    ("limits", "left_out"),
+    [
+        ('inheritrange="1"', True),
+        ('inheritrange="1.2"', True),
+        ('ctrlrange="-1.05 1.047"', True),
+        ('ctrlrange="-3.14 3.14" ctrllimited="true"', True),
+        ('ctrlrange="-0.1 0.1" ctrllimited="false"', False),
+        ("", False),
+    ],
+)
+def test_targets_are_not_clipped_and_that_is_said(tmp_path, limits, left_out):
+    tiny = robot(tmp_path / "tiny.xml", TINY.replace("kp=", f"{limits} kp="))
+    assert [note.partition("tiny.xml: ")[2].partition(":")[0] for note in tiny.notes] == (
+        ["the ctrlrange of 1 actuator is left out"] if left_out else []
+    )
+    data = mujoco.MjData(tiny.model())
+    data.ctrl[:] = 1.1
+    mujoco.mj_forward(data.model, data)
+    assert data.actuator_force[0] == pytest.approx(9.0)
+    data.qpos[-1] = 1.0472
+    mujoco.mj_forward(data.model, data)
+    assert data.actuator_force[0] == pytest.approx(50 * (1.1 - 1.0472))  # beyond the joint's limit
 
 
 @pytest.mark.parametrize(

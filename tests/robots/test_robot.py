@@ -165,6 +165,21 @@ def test_a_default_pose_beyond_the_limits_is_refused():
     assert at_the_stop.default_joint_pos.max() == pytest.approx(high + 0.01)
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"root_height": -0.76}, "robot 'g1': root_height is -0.76, expected a number above 0 and at most 5"),
+        ({"root_height": math.nan}, "robot 'g1': root_height is nan, expected a number"),
+        ({"default_pose": {"left_knee": math.inf}}, "robot 'g1': default_pose: 'left_knee' is inf, expected a number"),
+        ({"name": ""}, "robot: name is '', expected a text that is not empty"),
+        ({"keypoints": ()}, r"robot 'g1': keypoints is \(\), expected"),
+    ],
+)
+def test_fields_out_of_their_range_are_refused(changes, message):
+    with pytest.raises(RobotError, match=message):
+        replace(G1, **changes)
+
+
 def test_a_keypoint_is_named_once():
     with pytest.raises(RobotError, match=f"robot 'g1': keypoints: '{G1.keypoints[3]}' stands there twice"):
         replace(G1, keypoints=(*G1.keypoints, G1.keypoints[3])).model()

@@ -1,12 +1,14 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
 from plat.envs import GeneralizedState
 from plat.errors import CheckpointError
-from plat.modules import DynamicsConfig, DynamicsModel
+from plat.modules import DynamicsConfig, DynamicsModel, Expert, ExpertConfig
 from plat.robots import G1
-from plat.runs import load_dynamics, save_dynamics, write_json
+from plat.runs import load_dynamics, policy_spec, save_dynamics, write_json
 
 SHAPE = DynamicsConfig(hidden=(16, 16))
 
@@ -34,6 +36,16 @@ def test_models_come_with_plat(name):
     after = load_dynamics(name, G1)(state, standing[None, 7:])
     assert (after.joint_pos - state.joint_pos).abs().max() < 0.02
     assert (after.root_pos_w - state.root_pos_w).norm() < 0.01
+
+
+def test_a_robot_that_changed_under_its_name_is_told(tmp_path):
+    model = run_of(tmp_path, policy=policy_spec(Expert(G1, ExpertConfig(hidden=(8,)))))
+    assert load_dynamics(tmp_path, G1).config == model.config
+    bent = {**G1.default_pose, "left_knee": 0.5}
+    with pytest.raises(CheckpointError, match="default_pose of 'left_knee' is 0.669, and 0.5 as robot 'g1' is now"):
+        load_dynamics(tmp_path, replace(G1, default_pose=bent))
+    # of another name it is gone on from
+    assert load_dynamics(tmp_path, replace(G1, name="bent", default_pose=bent)).config == model.config
 
 
 def test_what_is_wrong_is_named(tmp_path):

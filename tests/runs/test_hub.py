@@ -4,7 +4,7 @@ import errno
 import shutil
 import sys
 from fnmatch import fnmatch
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from types import ModuleType
 
 import pytest
@@ -13,7 +13,10 @@ import torch
 import plat
 from plat.errors import CheckpointError, OutputError
 from plat.export import push_run
-from plat.runs import SavedRun, download_run, run_folder, upload_run
+from plat.modules import DynamicsConfig, DynamicsModel
+from plat.robots import G1
+from plat.runs import SavedRun, download_run, load_dynamics, run_folder, save_dynamics, upload_run
+from plat.runs.hub import hub_name, repository_name
 from tests.export.runs import small_policy, write_run
 
 
@@ -33,7 +36,7 @@ def hub(tmp_path, monkeypatch) -> Path:
     def snapshot_download(repo_id, *, revision=None, allow_patterns=None):
         if not (folder / repo_id).is_dir() or revision not in (None, "main"):
             raise FileNotFoundError(f"404: {repo_id}\nask someone else")
-        cache = tmp_path / "cache" / repo_id
+        cache = tmp_path / "cache" / f"models--{repo_id.replace('/', '--')}" / "snapshots" / ("0a1b" * 10)
         for path in (folder / repo_id).iterdir():
             if any(fnmatch(path.name, pattern) for pattern in allow_patterns):
                 cache.mkdir(parents=True, exist_ok=True)
@@ -68,7 +71,34 @@ def test_what_is_pushed_is_loaded_the_same(hub, run):
     for name, value in ours.state_dict().items():
         assert torch.equal(value, theirs.state_dict()[name])
     # every command that takes a run takes its name
-    assert SavedRun(run_folder("hf:someone/walker")).scores is not None
+    fetched = SavedRun(run_folder("hf:someone/walker"))
+    assert fetched.scores == SavedRun(run).scores
+    assert fetched.name == "walker"  # not the hash that its folder is called by
+
+
+def test_a_learned_model_and_scores_from_a_table_beside_the_run_go_with_it(hub, run):
+    (run / "evaluation.csv").unlink()
+    rows = "policy,horizon,seeds,metric,value,low,high\nother,long,1,tks,1,1,1\nrun,long,1,tks,99.5,99.25,99.75\n"
+    (run.parent / "evaluation.csv").write_text(rows)
+    model = DynamicsModel(G1, DynamicsConfig(hidden=(8,)))
+    save_dynamics(run, model)
+    push_run(run, "hf:someone/walker")
+    fetched = SavedRun("hf:someone/walker")
+    assert fetched.scores == SavedRun(run).scores
+    assert [score.value for score in fetched.scores] == [99.5]
+    loaded = load_dynamics("hf:someone/walker", G1)
+    assert all(torch.equal(value, loaded.state_dict()[name]) for name, value in model.state_dict().items())
+
+
+def test_a_path_of_windows_names_the_same_repository():
+    assert hub_name(PureWindowsPath("hf:someone/walker@main")) == "hf:someone/walker@main"
+    assert hub_name(PurePosixPath("hf:someone/walker")) == "hf:someone/walker"
+    assert hub_name(PureWindowsPath(r"C:\runs\walker")) is None
+
+
+@pytest.mark.parametrize("folder", ["runs/plat", "snapshots/plat", "models--a/plat", "datasets--a--b/snapshots/0a"])
+def test_other_folders_are_no_repository(folder):
+    assert repository_name(PurePosixPath(folder)) is None
 
 
 @pytest.mark.parametrize("name", ["hf:", "hf:walker", "hf:a/b/c", "hf:../x y", "hf:a/b@", "someone/walker"])

@@ -95,6 +95,7 @@ def test_what_is_not_here_is_not_made_up(tmp_path):
     alone = run(tmp_path / "alone", "distill", expert="ex22", student="plain", motions=["a.npz"])
     assert made_by(alone) == "plat distill, plain"
     assert trained_on(alone) == ["a"]
+    assert trained_on(run(tmp_path / "own", "expert", motions=["generated_by_me.npz"])) == ["generated_by_me"]
     write_json(tmp_path / "bare" / "config.json", {"policy": {}})
     assert (made_by(SavedRun(tmp_path / "bare")), trained_on(SavedRun(tmp_path / "bare"))) == ("plat", [])
 

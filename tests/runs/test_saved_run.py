@@ -21,9 +21,10 @@ from plat.modules import (
     ResidualActionPolicy,
     ResidualLatentPolicy,
 )
-from plat.robots import G1
+from plat.robots import G1, registry
 from plat.runs import Policy, SavedRun, load_policy, policy_spec, register_policy, save_weights, write_json
 from plat.runs.policies import _KINDS, complete_spec
+from plat.runs.trained_for import trained_for
 from plat.spec.timing import Timing
 from tests.modules.policies.test_student import SMALL
 
@@ -113,6 +114,80 @@ def test_a_config_that_does_not_fit(run, changes, message):
     edit(run, **changes)
     with pytest.raises(CheckpointError, match=message):
         load_policy(run)
+
+
+def registered(monkeypatch, name: str, **changes):
+    """A robot of a name, whatever had it before."""
+    robot = replace(G1, name=name, **changes)
+    monkeypatch.setitem(registry._ROBOTS, name, robot)
+    return robot
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"default_pose": {**G1.default_pose, "right_knee": 0.7}},
+            "default_pose of 'right_knee' is 0.669, and 0.7 as robot 'mine' is now",
+        ),
+        ({"keypoints": G1.keypoints[:-1], "end_effectors": G1.feet}, "14 keypoints, and 13 as"),
+        (
+            {"keypoints": (G1.keypoints[0], *reversed(G1.keypoints[1:]))},
+            r"keypoints\[1\] is 'left_hip_roll_link', and 'right_wrist_yaw_link' as",
+        ),
+    ],
+)
+def test_a_robot_that_changed_under_its_name_is_told(tmp_path, monkeypatch, changes, told):
+    """Files keep the name of the robot alone: the policy would drive it to other poses, unnoticed."""
+    save(tmp_path, LatentPolicy(registered(monkeypatch, "mine"), SMALL))
+    assert load_policy(tmp_path).robot.name == "mine"
+    registered(monkeypatch, "mine", root_height=0.77)  # nothing that the policy depends on
+    assert load_policy(tmp_path).robot.name == "mine"
+    registered(monkeypatch, "mine", **changes)
+    expected = (
+        rf"config.json': policy.trained_for: {told}.* give the changed robot another name, or remove 'trained_for'"
+    )
+    with pytest.raises(CheckpointError, match=expected):
+        load_policy(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    del config["policy"]["trained_for"]  # as in runs of before
+    write_json(tmp_path / "config.json", config)
+    if "default_pose" in changes:
+        assert load_policy(tmp_path).robot.name == "mine"
+
+
+@pytest.mark.parametrize("kind", ["expert", "residual_latent"])
+def test_motors_that_changed_under_a_robots_name_are_told(tmp_path, monkeypatch, kind):
+    policy = POLICIES[kind]()
+    save(tmp_path, policy)
+    text = G1.asset_path.read_text()
+    assert text.count('kp="99.09842778"') == 1
+    (tmp_path / "stiff.xml").write_text(text.replace('kp="99.09842778"', 'kp="120"'))
+    registered(monkeypatch, "g1", asset=str(tmp_path / "stiff.xml"))
+    with pytest.raises(CheckpointError, match="stiffness of 'left_hip_roll' is 99.0984, and 120 as robot 'g1' is now"):
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "told"),
+    [
+        (3, "trained_for is 3, expected an object"),
+        ({}, "trained_for.joints is None, expected a list of names"),
+        ({**trained_for(G1), "damping": ["soft"]}, r"trained_for.damping is \['soft'\], expected a list of numbers"),
+        ({**trained_for(G1), "damping": [1.0]}, "damping of 1 joint, and of 29 as robot 'g1' is now"),
+        ({**trained_for(G1), "joints": ["knee"] * 29}, r"joints\[0\] is 'knee', and 'left_hip_pitch' as robot"),
+    ],
+)
+def test_what_a_policy_was_trained_for_is_damaged(run, entry, told):
+    edit(run, trained_for=entry)
+    with pytest.raises(CheckpointError, match=f"config.json': policy.{told}|policy.trained_for: {told}"):
+        load_policy(run)
+
+
+def test_the_student_of_a_policy_does_not_say_it_twice():
+    spec = policy_spec(POLICIES["residual_latent"]())
+    assert "trained_for" in spec
+    assert "trained_for" not in spec["student"]
 
 
 def test_missing_files(tmp_path, run):

@@ -795,6 +795,8 @@ def test_doubts_are_pythons(visitor):
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
     poses["buried"][2] = -0.2
     poses |= {"above": ABOVE.qpos, "below": BELOW.qpos}
+    circle = KeyframeSequence.load(Path(__file__).parents[2] / "recipes" / "examples" / "hands.json", G1).keyframes
+    poses |= {f"circle {number}": circle[number].qpos for number in (3, 4)}
     checker, said = Checker(G1), []
     arms = Parts.only(G1, joints=[name for name in joints if "left" in name or "waist" in name])
     for name, qpos in poses.items():

@@ -7,6 +7,7 @@ from torch import Tensor
 from plat.bounds import check_robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
+from plat.robots.sole_points import sole_points
 from plat.rotations import quat_rotate
 
 __all__ = [
@@ -31,10 +32,10 @@ _CHUNK = 16384
 
 
 class Soles:
-    """The contact points of a robot's feet.
+    """The contact points of a robot's feet: centers of spheres, ends of capsules, corners of boxes and meshes.
 
     Args:
-        robot: the robot; the collision geoms of its feet are spheres.
+        robot: the robot.
 
     Attributes:
         robot: the same.
@@ -48,15 +49,14 @@ class Soles:
     def __init__(self, robot: Robot):
         check_robot(robot)
         self.robot = robot
-        model = robot.shared_model
-        soles = robot.sole_geoms(model)
-        self._points_b = torch.from_numpy(model.geom_pos[soles])  # (2, P, 3)
-        self._radius = torch.from_numpy(model.geom_size[soles][..., 0])  # (2, P)
+        centers, radii = sole_points(robot, robot.shared_model)
+        self._points_b = torch.from_numpy(centers)  # (2, P, 3)
+        self._radius = torch.from_numpy(radii)  # (2, P)
         self._kinematics = ForwardKinematics(robot, robot.feet)
         self._num_joints = robot.num_joints
 
     def points(self, qpos: Tensor) -> Tensor:
-        """Lowest point of each sphere of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
+        """Lowest point of each part of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
         return self.points_of(*self.feet(qpos))
 
     def feet(self, qpos: Tensor) -> tuple[Tensor, Tensor]:
@@ -65,7 +65,7 @@ class Soles:
         return torch.cat([pos_w for pos_w, _ in parts]), torch.cat([quat_w for _, quat_w in parts])
 
     def points_of(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:
-        """Lowest point of each sphere of each foot, as :meth:`points`, of feet as :meth:`feet` gives them."""
+        """Lowest point of each part of each foot, as :meth:`points`, of feet as :meth:`feet` gives them."""
         return torch.cat([self._points(*part) for part in zip(pos_w.split(_CHUNK), quat_w.split(_CHUNK), strict=True)])
 
     def _points(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:

@@ -47,7 +47,8 @@ class Underside:
         long = kind == mujoco.mjtGeom.mjGEOM_CAPSULE
         self._radius = np.where(round_part, size[:, 0], 0.0)
         # of anything that is no sphere or capsule the box around it
-        self._half = np.where(round_part[:, None], long[:, None] * [0.0, 0.0, 1.0] * size[:, 1:2], size)
+        box = np.where(kind[:, None] == mujoco.mjtGeom.mjGEOM_CYLINDER, size[:, [0, 0, 1]], size)
+        self._half = np.where(round_part[:, None], long[:, None] * [0.0, 0.0, 1.0] * size[:, 1:2], box)
 
     def lowest(self, data: mujoco.MjData) -> tuple[float, str]:
         """Return the height of the lowest point of all, and the body that it is of, in the pose that ``data`` has."""

@@ -12,6 +12,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.clock import (
+    STATED,
     StatedRate,
     contradiction,
     distinct_rates,
@@ -108,11 +109,11 @@ def take_rates(arrays: dict[str, np.ndarray], fps: float | None, path: Path | No
     """
     marked = is_marked(arrays)  # its other arrays are clips
     fields = {name: array for name, array in arrays.items() if name == RATE or not marked}
-    rates = rates_of_fields(fields) if fps is None else [(fps, "--fps")]
+    rates = rates_of_fields(fields) if fps is None else [(fps, STATED)]
     if not rates and path is not None:
         rates = distinct_rates(stated_rates(path, []))
     if not rates:
-        raise MotionError("no array 'fps', expected the frames a second (or state them: --fps)")
+        raise MotionError("no array 'fps', expected the frames a second (or state them: plat motions convert --fps)")
     times = [name for name, array in arrays.items() if array.ndim == 1 and tells_time(name)]
     for name in (RATE,) if marked else (*(name for name in rate_fields(arrays) if arrays[name].ndim < 2), *times):
         arrays.pop(name, None)

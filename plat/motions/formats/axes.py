@@ -120,7 +120,9 @@ def z_up(
         return unchanged
     if _rests(units[0] * root_pos, root_quat, joint_pos, soles):
         if stands and not as_high:
-            raise MotionError(f"it lies if z is up, and stands if {frame.told[0]} is: state which: --up")
+            raise MotionError(
+                f"it lies if z is up, and stands if {frame.told[0]} is: state which: plat motions convert --up"
+            )
         return unchanged
     return Converted(frame.places(root_pos), (frame.told,)), Converted(frame.quaternions(root_quat))
 

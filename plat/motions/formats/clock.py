@@ -18,6 +18,8 @@ from plat.motions.formats.rate import rates_in_name
 from plat.rotations import quat_slerp
 
 __all__ = [
+    "ELSEWHERE",
+    "STATED",
     "StatedRate",
     "contradicting_name",
     "contradiction",
@@ -35,7 +37,13 @@ __all__ = [
 ]
 
 StatedRate = tuple[float, str]
-"""Frames a second, and what states them."""
+"""Frames a second, and what states them: the quoted name of a field, or one of the following."""
+
+STATED = "--fps"
+"""Source of a rate that the user states."""
+
+_COMMENT, _NAME, _FOLDER = ELSEWHERE = ("a comment", "the file name", "the folder's name")
+"""Sources of rates that no field of a file states, which is worth a note."""
 
 # Fields of archives and pickles that give frames a second, seconds a frame, and the time of each frame, in small
 # letters with underscores. Single words that mean other things as well count where they are one number.
@@ -72,14 +80,17 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
     """
     if not np.isfinite(times).all():
         frame = int(np.isfinite(times).argmin())
-        raise MotionError(f"the time of frame {frame} is {times[frame]}, expected a finite number (or state --fps)")
+        raise MotionError(
+            f"the time of frame {frame} is {times[frame]}, expected a finite number (or state them: "
+            "plat motions convert --fps)"
+        )
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0 or (steps <= 0).any() or steps.max() > _GAP * usual:
         row = int(np.argmax((steps <= 0) | (steps > _GAP * usual))) if len(steps) else 0
         raise MotionError(
             f"the time goes on by {steps[row] if len(steps) else 0:g} at row {row + 2}, by {usual:g} elsewhere; "
-            "expected even steps (or state --fps)"
+            "expected even steps (or state them: plat motions convert --fps)"
         )
     mean = float(steps.mean())
     stated = [_UNITS[unit]] if unit in _UNITS else []
@@ -87,7 +98,10 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
         if LIKELY[0] <= 1 / (mean * seconds) <= LIKELY[1]:
             rate = 1 / (mean * seconds)
             return float(round(rate)) if abs(rate - round(rate)) < 2e-3 * rate else rate
-    raise MotionError(f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state --fps")
+    raise MotionError(
+        f"the time goes on by {mean:g} a row, a likely rate in no unit (s, ms, us, ns); state it: "
+        "plat motions convert --fps"
+    )
 
 
 def evenly_timed(clip: MotionClip, times: np.ndarray) -> MotionClip:
@@ -277,7 +291,7 @@ def distinct_rates(stated: Iterable[StatedRate]) -> list[StatedRate]:
 def contradiction(rates: Sequence[StatedRate]) -> MotionError:
     """Return the error of a file that states several rates."""
     told = " and ".join(f"{rate:g} ({source})" for rate, source in rates)
-    return MotionError(f"it states {told} frames a second; state which: --fps {rates[-1][0]:g}")
+    return MotionError(f"it states {told} frames a second; state which: plat motions convert --fps {rates[-1][0]:g}")
 
 
 def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRate]:
@@ -290,7 +304,7 @@ def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRa
     """
     named: list[StatedRate] = []
     with suppress(MotionError):  # a name that states 0 says nothing against a file
-        named = [(rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
+        named = [(rate, _NAME) for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))]
     agree = any(len(distinct_rates((own, other))) == 1 for own in rates for other in named)
     return [] if agree else distinct_rates(named)
 
@@ -298,8 +312,8 @@ def contradicting_name(path: Path, rates: Iterable[StatedRate]) -> list[StatedRa
 def stated_rates(path: Path, comments: Sequence[str]) -> list[StatedRate]:
     """Return the frame rates that comments and the name, else the name of the folder state, each with its source."""
     told = [
-        *((rate, "a comment") for rate in rates_in_comments(comments)),
-        *((rate, "the file name") for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
+        *((rate, _COMMENT) for rate in rates_in_comments(comments)),
+        *((rate, _NAME) for rate in (*rates_in_name(path.stem), *rates_of_steps(path.stem))),
     ]
     folder = path.absolute().parent.name
-    return list(dict.fromkeys(told or ((rate, "the folder's name") for rate in rates_in_name(folder))))
+    return list(dict.fromkeys(told or ((rate, _FOLDER) for rate in rates_in_name(folder))))

@@ -61,6 +61,7 @@ class Parts:
         times: of the frames ``[T]`` and their unit, where there are any.
         seed: whether the header is that of BONES-SEED.
         notes: what was left out or assumed.
+        turn: what three columns of an orientation, of which ``quat`` was made, were read as; empty for a quaternion.
         turns: quaternions ``[T, 4]`` (``wxyz``) of three columns by what they may be, the usual one first; none where
             the file has quaternions, or names its angles.
         units: of ``place``, where the header or comments state them.
@@ -74,6 +75,7 @@ class Parts:
     times: tuple[np.ndarray, str] | None = None
     seed: bool = False
     notes: tuple[str, ...] = ()
+    turn: str = ""
     turns: Mapping[str, np.ndarray] = field(default_factory=dict)
     units: Units | None = None
 
@@ -119,7 +121,7 @@ def _by_name(
     if lacking and unknown:
         raise MotionError(f"the header has the unknown {sorted(unknown)[:8]} and lacks the joints {lacking[:8]}")
     notes: list[str] = []
-    turns: Mapping[str, np.ndarray] = {}
+    told, turns = "", dict[str, np.ndarray]()
     if rest:
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
         notes.append(f"{counted(len(rest), 'column')} left out ({shown}{', ...' if len(rest) > 3 else ''})")
@@ -134,14 +136,13 @@ def _by_name(
         turns = _turns(values[:, turn], stating([table.header[n] for n in turn], said.root), seed, named)
         told, quat = next(iter(turns.items()))
         order = "wxyz"
-        notes.append(f"root rotation from {told}")
         turns = {} if len(turns) == 1 else turns
     names = [kinds[n].part for n in joints]
     stated = stating([table.header[n] for n in joints], said.joints)
     angles, more = _in_radians(values[:, joints], stated, [names], robot, seed)
     notes += more
     units = stated_length(stating([table.header[n] for n in place], said.length))
-    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), turns, units)  # type: ignore[arg-type]
+    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), told, turns, units)  # type: ignore[arg-type]
 
 
 def _in_radians(

@@ -96,6 +96,7 @@ class MotionFile:
         notes: what was assumed, detected or filled in, a phrase each.
         unheard: what may be stated of files, by its name in :class:`ReadOptions`, and says nothing about this one.
         marked: whether plat wrote it, so that nothing about it is to be guessed.
+        rate_fits: whether its frame rate was assumed, and its motion fits that.
     """
 
     path: Path
@@ -104,6 +105,7 @@ class MotionFile:
     notes: tuple[str, ...] = ()
     unheard: tuple[str, ...] = ()
     marked: bool = False
+    rate_fits: bool = False
 
     @property
     def facts(self) -> str:
@@ -194,7 +196,7 @@ def make_clip(
     place = place_in_meters(upright.values, turned.values, angles.values, options.soles, fields[0], units, written)
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
-    return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found)))).checked(robot)
+    return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found))), place.doubt).checked(robot)
 
 
 def check_rate(fps: float) -> None:

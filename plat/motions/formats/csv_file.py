@@ -30,7 +30,6 @@ from plat.motions.formats.quaternion_order import choose_quat_order, settle_join
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.root_turn import likeliest_turn
 from plat.motions.formats.table import Table, read_table
-from plat.motions.formats.turns import EULER
 from plat.words import counted
 
 __all__ = ["clip_in_csv", "csv_text", "read_csv", "read_values"]
@@ -62,26 +61,26 @@ def read_values(path: Path, table: Table, options: ReadOptions, kind: str) -> Mo
     """Return the motion of a table, whatever kind of file it comes from; see :func:`read_csv`."""
     parts = split_columns(table, options.robot)
     name = without_rates(path.stem)
-    three = any(note.startswith("root rotation from") for note in parts.notes)
-    if three:  # whose quaternion is made here
+    if parts.turn:  # whose quaternion is made here
         options = replace(options, quat_order=None)
     joint_pos, notes = arrange_joints(parts.joints, parts.names, options.robot, "the columns of joints")
     joint_pos, more = _in_joint_order(name, parts, joint_pos, options)
     parts = _with_turn(name, parts, joint_pos, options)
-    order, how, doubts = ("wxyz", "", []) if three else _quat_order(path, name, parts, joint_pos, options)
+    order, how, doubts = ("wxyz", "", []) if parts.turn else _quat_order(path, name, parts, joint_pos, options)
     clip = _clip(name, parts, joint_pos, order, options)
-    fps, told = _rate(path, table, parts, clip, options)
+    fps, told, fits = _rate(path, table, parts, clip, options)
     check_rate(fps)
-    shown = () if three else (f"quaternion {order} {how}",)
+    shown = () if parts.turn else (f"quaternion {order} {how}",)
+    turn = (f"root rotation from {parts.turn}",) if parts.turn else ()
     kind = "BONES-SEED csv" if parts.seed else kind
     unsure = tuple(note for note in told if note == ASSUMED_RATE)
     told = tuple(note for note in told if note != ASSUMED_RATE)
     clip = replace(clip, fps=fps, notes=(*unsure, *clip.notes))
     if parts.times is not None and options.fps is None:
         clip = evenly_timed(clip, parts.times[0])
-    unheard = ("quat_order",) if three else ()
-    notes = [*shown, *told, *doubts, *parts.notes, *_left_out(table), *notes, *more]
-    return MotionFile(path, kind, [clip], tuple(notes), unheard)
+    unheard = ("quat_order",) if parts.turn else ()
+    notes = [*shown, *told, *doubts, *turn, *parts.notes, *_left_out(table), *notes, *more]
+    return MotionFile(path, kind, [clip], tuple(notes), unheard, rate_fits=fits)
 
 
 def _left_out(table: Table) -> list[str]:
@@ -147,9 +146,7 @@ def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOpti
     poses = {told: clip.qpos for told, clip in readings.items()}
     found, sure, rivals = likeliest_turn(poses, next(iter(readings.values())).fps, options.soles)
     open_ones = "" if sure else f" as assumed, and {' and '.join(rivals)} fit as well"
-    told = {note: f"root rotation from {found}{open_ones}" for note in parts.notes if EULER in note}
-    notes = tuple(told.get(note, note) for note in parts.notes)
-    return replace(parts, quat=parts.turns[found], notes=notes)
+    return replace(parts, quat=parts.turns[found], turn=f"{found}{open_ones}")
 
 
 def _quat_order(
@@ -176,15 +173,15 @@ def _quat_order(
 
 def _rate(
     path: Path, table: Table, parts: Parts, clip: MotionClip, options: ReadOptions
-) -> tuple[float, tuple[str, ...]]:
-    """Return the frame rate and what it was taken from.
+) -> tuple[float, tuple[str, ...], bool]:
+    """Return the frame rate, what it was taken from, and whether it was assumed and the motion fits it.
 
     Raises:
         MotionError: where several are stated and the motion does not decide, or none is and it contradicts the usual,
             or there are times that are not understood.
     """
     if options.fps is not None:
-        return clip.fps, ()
+        return clip.fps, (), False
     columns = dict(zip(table.header, table.values.T, strict=False))
     constant = {name: columns[name] for name in rate_fields(columns) if not np.ptp(columns[name])}
     stated = rates_of_fields(constant) + stated_rates(path, table.comments)
@@ -198,21 +195,23 @@ def _rate(
     distinct = distinct_rates(stated)
     if len(distinct) == 1:
         if _ASSUMED in table.comments:
-            return distinct[0][0], (ASSUMED_RATE,)
-        return distinct[0][0], (f"fps from {distinct[0][1]}",)
+            return distinct[0][0], (ASSUMED_RATE,), False
+        return distinct[0][0], (f"fps from {distinct[0][1]}",), False
     if distinct:
         rate, told = settled_rate(distinct, [clip], options.robot)
-        return rate, (told,)
+        return rate, (told,), False
     for column, (name, text) in table.texts.items():
         if is_time(name):
             raise MotionError(
-                f"column {column + 1} ({name!r:.40}) holds {text!r:.40}, expected a number or a time (or state --fps)"
+                f"column {column + 1} ({name!r:.40}) holds {text!r:.40}, expected a number or a time (or state them: "
+                "plat motions convert --fps)"
             )
     pace = Pace(clip, options.robot)
     if against := pace.against(_USUAL_FPS):
         raise UnfitRateError(
-            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state --fps"
+            f"nothing states its frames a second; the usual {_USUAL_FPS:g} do not fit {against}: state it: "
+            "plat motions convert --fps"
         )
     if confirmed := pace.confirmed_by(_USUAL_FPS):
-        return _USUAL_FPS, (f"fps assumed, and its {confirmed} fit",)
-    return _USUAL_FPS, (ASSUMED_RATE,)
+        return _USUAL_FPS, (f"fps assumed, and its {confirmed} fit",), True
+    return _USUAL_FPS, (ASSUMED_RATE,), False

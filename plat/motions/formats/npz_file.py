@@ -194,7 +194,7 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
     if conflicts and abs(number(arrays["fps"], "fps") - number(meta["fps"], "fps")) > 0.5:
         raise MotionError(
             f"it states {number(arrays['fps'], 'fps'):g} frames a second and the 'meta.json' beside it "
-            f"{number(meta['fps'], 'fps'):g}; state which: --fps"
+            f"{number(meta['fps'], 'fps'):g}; state which: plat motions convert --fps"
         )
     return [f"{', '.join(added)} from meta.json"] if added else []
 

@@ -7,7 +7,7 @@ from plat.errors import MotionError
 from plat.motions.checks.flight import Flight
 from plat.motions.checks.tempo import Tempo
 from plat.motions.clip import MotionClip
-from plat.motions.formats.clock import StatedRate, contradicting_name, contradiction
+from plat.motions.formats.clock import ELSEWHERE, STATED, StatedRate, contradicting_name, contradiction
 from plat.robots.robot import Robot
 
 __all__ = ["Pace", "UnfitRateError", "rate_of_file", "settled_rate"]
@@ -100,11 +100,11 @@ def rate_of_file(
         MotionError: naming the rates, where the file itself states several and the motion does not decide.
     """
     (rate, source), *others = rates
-    if source == "--fps":
+    if source == STATED:
         return rate, []
     named = contradicting_name(path, rates)
     if not others and not named:
-        return rate, [] if source.startswith("'") else [f"fps from {source}"]
+        return rate, [f"fps from {source}"] if source in ELSEWHERE else []
     far = [other for other in named if not 1 / _APART < other[0] / rate < _APART]
     try:
         rate, told = settled_rate([*rates, *far], clips, robot)

@@ -11,6 +11,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.formats.clock import (
+    STATED,
     StatedRate,
     distinct_rates,
     evenly_timed,
@@ -167,7 +168,7 @@ class _Motion:
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         names = None if listed is None else strings(listed, "joint_names")
-        rates = _rates(path, fields) if options.fps is None else [(options.fps, "--fps")]
+        rates = _rates(path, fields) if options.fps is None else [(options.fps, STATED)]
         plain = {name: _unwrap(value) for name, value in fields.items()} if options.fps is None else {}
         times = [*times_of_fields(plain).values()][:1]
         order = options.quat_order or usual
@@ -309,7 +310,7 @@ def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
     rates = rates_of_fields({name: _unwrap(value) for name, value in fields.items()})
     rates = rates or distinct_rates(stated_rates(path, []))
     if not rates:
-        raise MotionError("no field 'fps', expected the frames a second (or state them: --fps)")
+        raise MotionError("no field 'fps', expected the frames a second (or state them: plat motions convert --fps)")
     return rates
 
 

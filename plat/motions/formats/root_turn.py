@@ -118,9 +118,12 @@ def refuse_other_turns(clips: Sequence[MotionClip], soles: Soles) -> None:
         return
     told = max(set(found), key=found.count)
     if told in _ORDERS:
-        advice = f"state it: --quat-order {told[:4]}"
+        advice = f"state it: plat motions convert --quat-order {told[:4]}"
     else:
-        advice = "write it as wxyz from root to world, or state its order (--quat-order) to take it as it is"
+        advice = (
+            "write it as wxyz from root to world, or state its order ("
+            "plat motions convert --quat-order) to take it as it is"
+        )
     raise MotionError(f"the feet stand only if its root quaternion is {told}: {advice}")
 
 

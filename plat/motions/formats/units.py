@@ -1,7 +1,7 @@
 """Units of a motion, from what the robot would do in them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,6 @@ from plat.words import counted
 
 __all__ = [
     "METERS",
-    "NO_UNIT",
     "Angles",
     "Converted",
     "Units",
@@ -54,8 +53,6 @@ _UNITS = {
 }
 # Share by which a standing root is higher or lower than its legs reach, and the height of one that lies (m).
 _STANDING, _LYING = 0.3, 0.05
-NO_UNIT = "the unit of places is not to be told"
-"""Begin of the note of a motion that is refused, unless it is read otherwise, as with another order of quaternions."""
 
 METERS: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Meters a unit."""
@@ -72,10 +69,17 @@ _FOLDED = 0.5
 
 @dataclass(frozen=True)
 class Converted:
-    """Values in the units that plat works with, and what was done to them, a phrase each."""
+    """Values in the units that plat works with.
+
+    Attributes:
+        values: in these units.
+        notes: what was done to them, a phrase each.
+        doubt: why the unit is not to be told, where that is so; empty else.
+    """
 
     values: np.ndarray
     notes: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 def unit_quaternions(quat: np.ndarray, field: str) -> Converted:
@@ -199,7 +203,7 @@ def place_in_meters(
         told = () if written == "m" else (f"root position in {written}, as the file says",)
         return Converted(root_pos * METERS[written], told)
     found = _in_shown_unit(root_pos, quat, joint_pos, soles, field)
-    return Converted(found.values, found.notes or (f"root position in meters, though the file says {written}",))
+    return replace(found, notes=found.notes or (f"root position in meters, though the file says {written}",))
 
 
 def _in_shown_unit(
@@ -212,15 +216,15 @@ def _in_shown_unit(
         return Converted(root_pos)
     need = leg_height(joint_pos, soles)
     height = median / need
-    doubt: tuple[str, ...] = ()
+    doubt = ""
     if not _is_upright(quat):  # its height over the legs' reach says nothing
         lying = _units_of_lying(root_pos, quat, joint_pos, soles)
         if len(lying) == 1:
             return Converted(root_pos * _UNITS[lying[0]][2], (f"root position in {lying[0]}: so it lies on the floor",))
         rests = " and ".join(f"in {unit}" for unit in lying) or "in no unit"
         doubt = (
-            f"{NO_UNIT}: {field!r} has the root of a robot that lies at {median:.4g}, and it rests on the floor "
-            f"{rests}; state it: --units",
+            f"the unit of places is not to be told: {field!r} has the root of a robot that lies at {median:.4g}, and "
+            f"it rests on the floor {rests}; state it: plat motions convert --units"
         )
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:
@@ -229,13 +233,16 @@ def _in_shown_unit(
             if unit == "feet" and slips[0] < slips[1]:
                 continue
             told = f"root position in {unit}: it is {height:.0f} times as high as in meters"
-            return Converted(root_pos * meters, (told, *doubt))
+            return Converted(root_pos * meters, (told,), doubt)
     if largest > _FARTHEST:
-        raise MotionError(f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: --units)")
+        raise MotionError(
+            f"{field!r} has values up to {largest:.4g}, expected meters (or state the unit: "
+            "plat motions convert --units)"
+        )
     if abs(height) > _HIGHEST:
         raise MotionError(
             f"{field!r} has the root {height * need:.4g} above the floor, expected meters: the legs reach {need:.2f} "
-            "(or state the unit: --units)"
+            "(or state the unit: plat motions convert --units)"
         )
     return Converted(root_pos)
 

@@ -118,7 +118,9 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
         fps = stated[-1] if stated else _USUAL_FPS / step
         of_all = f" {_USUAL_FPS:g} and frames are numbered in steps of {step}" if step > 1 else ""
         notes.append(
-            "fps from the file name" if stated else f"{fps:g} fps assumed, as CMU and HDM05 have{of_all} (else: --fps)"
+            "fps from the file name"
+            if stated
+            else f"{fps:g} fps assumed, as CMU and HDM05 have{of_all} (else: plat motions convert --fps)"
         )
     if missing:
         notes.append(f"no values for {', '.join(missing[:5])}{' ...' if len(missing) > 5 else ''}: rest pose")

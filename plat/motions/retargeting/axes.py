@@ -57,7 +57,8 @@ def find_up(
     stands = upright[along] > _STANDING
     if stated is not None and upright[stated] < -_STANDING:
         raise MotionError(
-            f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; state which is up: --up"
+            f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; state which is up: "
+            "plat motions convert --up"
         )
     if stands and along == stated:
         return along, []
@@ -77,7 +78,7 @@ def find_up(
                 down = _NAMES[int(upright.argmin())]
                 raise MotionError(
                     f"{where}: {_NAMES[stated]} should be up, and the body stands along -{down} and does not lie on a "
-                    f"floor; turn it so that y or z is up, or state the axis: --up"
+                    f"floor; turn it so that y or z is up, or state the axis: plat motions convert --up"
                 )
             return stated, []
         fitting = [axis for axis in (1, 2) if _FLOOR[0] < lowest[axis] < _FLOOR[1] and travel[axis] < _CLIMB]
@@ -105,7 +106,7 @@ def find_up(
     if stated is not None:
         raise MotionError(
             f"{where}: {_NAMES[stated]} should be up, and the body stands along {_NAMES[along]}; does it lie? "
-            "State the axis that is up: --up, or 'up' in a map (--map)"
+            "State the axis that is up: plat motions convert --up, or 'up' in a map (--map)"
         )
     raise _untold(where)
 
@@ -160,4 +161,7 @@ def _rest_up(rest: dict[str, np.ndarray]) -> int | None:
 
 
 def _untold(where: str) -> MotionError:
-    return MotionError(f"{where}: which axis is up is not to be told from the poses; state it: --up, or 'up' in a map")
+    return MotionError(
+        f"{where}: which axis is up is not to be told from the poses; state it: "
+        "plat motions convert --up, or 'up' in a map"
+    )

@@ -88,8 +88,8 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
         return max(found, key=lambda row: row[:2])[2]
     known = ", ".join(skeleton.name for skeleton in builtin_maps())
     raise UnknownSkeletonError(
-        f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (--map), "
-        f"see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}",
+        f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (plat motions "
+        f"retarget --map), see docs/retargeting.md. Its joints are: {', '.join(mocap.names[:60])}",
         propose_map(mocap, "proposed"),
     )
 

@@ -202,7 +202,7 @@ def _motion(lines: _Lines, width: int, timed: bool) -> tuple[np.ndarray, float, 
     if not told or int(told[1]) < 1:
         raise lines.wrong("'Frames:' and a positive number")
     row = re.fullmatch(r"frame\s*time\s*:\s*(\S+)(?: s)?", " ".join(lines.take("'Frame Time:'")), re.IGNORECASE)
-    seconds, expected = 0.0, "'Frame Time:' and positive seconds (or state the rate: --fps)"
+    seconds, expected = 0.0, "'Frame Time:' and positive seconds (or state the rate: plat motions convert --fps)"
     if timed or not row:
         seconds = lines.numbers([row[1]] if row else [], 1, expected)[0]
         if seconds <= 0:
@@ -231,7 +231,10 @@ def _settled(
         if reads_better(radians[0], degrees[0], [joint.parent for joint in joints]):
             return *radians, ("angles in radians: in degrees nobody stands or moves so",)
         largest = np.abs(values[:, turns]).max()
-        return *degrees, (f"angles in degrees, as BVH has them, though none is above {largest:.2g} (else: --angles)",)
+        return *degrees, (
+            f"angles in degrees, as BVH has them, though none is above {largest:.2g} (else: "
+            "plat motions convert --angles)",
+        )
     return *_forward_kinematics(joints, values), ()
 
 

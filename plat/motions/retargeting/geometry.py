@@ -7,6 +7,7 @@ import numpy as np
 
 from plat.errors import RobotError
 from plat.robots.robot import Robot
+from plat.robots.sole_points import touching_points
 
 __all__ = ["TRACKED", "RobotGeometry"]
 
@@ -87,8 +88,6 @@ class RobotGeometry:
         axis = data.body("left_shoulder_pitch_link").xmat.reshape(3, 3)[:, 1]
         to_roll = at("left_shoulder_roll_link") - at("left_shoulder_pitch_link")
         shoulder = at("left_shoulder_pitch_link") + axis * (axis @ to_roll)
-        spheres = robot.sole_geoms(model)[0]
-        sole = model.geom_pos[spheres] - [0, 0, 1] * model.geom_size[spheres, :1]
         return cls(
             hip=at("left_hip_roll_link"),
             shoulder=shoulder - at("torso_link"),
@@ -97,5 +96,5 @@ class RobotGeometry:
             shin=between(at("left_knee_link"), robot.feet[0]),
             upper_arm=between(shoulder, "left_elbow_link"),
             forearm=between(at("left_elbow_link"), "left_wrist_yaw_link"),
-            sole=sole,
+            sole=touching_points(robot, model)[0],
         )

@@ -81,7 +81,7 @@ def read_human(
     if len(raw["hips"]) > _POSED_FRAMES and speed > _FASTEST:
         raise MotionError(
             f"{where}: hips go at {speed:.0f} m/s; is their place in another unit than the skeleton, or the frame rate "
-            f"{mocap.fps:g} wrong (--fps)?"
+            f"{mocap.fps:g} wrong (plat motions convert --fps)?"
         )
     # a cyclic change of axes is a rotation, so that left stays left
     axes = [(axis + 1) % 3, (axis + 2) % 3, axis]
@@ -160,4 +160,6 @@ def _unit(leg: float, skeleton: SkeletonMap) -> tuple[float, list[str]]:
         name = min(fitting, key=lambda name: abs(np.log(fitting[name] * leg / _USUAL_LEG)))
         told = [] if stated is None else [f"lengths in {name} and not as map {skeleton.name!r} says, by the legs"]
         return fitting[name], told
-    return _USUAL_LEG / leg, [f"unit of lengths unknown: legs of {leg:.4g} taken as {_USUAL_LEG} m (else: --units)"]
+    return _USUAL_LEG / leg, [
+        f"unit of lengths unknown: legs of {leg:.4g} taken as {_USUAL_LEG} m (else: plat motions convert --units)"
+    ]

@@ -9,7 +9,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
-from plat.motions.formats.clock import stated_rates
+from plat.motions.formats.clock import ELSEWHERE, stated_rates
 from plat.motions.formats.common import strings
 from plat.motions.formats.kimodo import KIMODO_FPS
 from plat.motions.formats.npz_file import ALIASES
@@ -114,7 +114,7 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
             arrays["fps"] = np.array(KIMODO_FPS)
             notes.append("fps as Kimodo writes it")
         rate, source = take_rate(arrays, fps, Path(path))
-        notes += [] if source.startswith(("'", "--")) else [f"fps from {source}"]
+        notes += [f"fps from {source}"] if source in ELSEWHERE else []
         places = arrays[name].astype(np.float64)
         if not np.isfinite(places).all():
             raise MotionError(f"{name!r} holds a value that is not finite")

@@ -97,7 +97,7 @@ def checked_rate(path: str | Path, seconds: float) -> float:
     told = f" ({', '.join(meant)})" if meant else ""
     raise MotionError(
         f"BVH file {str(path)!r}: 'Frame Time' {seconds:g} s is {fps:.3g} frames a second, expected {FPS[0]:g} to "
-        f"{FPS[1]:g}{told}; state it: --fps"
+        f"{FPS[1]:g}{told}; state it: plat motions convert --fps"
     )
 
 

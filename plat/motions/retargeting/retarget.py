@@ -1,10 +1,8 @@
 """Captures to motions of the robot, and what became of them in figures."""
 
 import functools
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -21,7 +19,7 @@ from plat.motions.formats.clock import contradicting_name
 from plat.motions.formats.common import FrameRate
 from plat.motions.formats.foreign import refuse_foreign
 from plat.motions.formats.units import Angles
-from plat.motions.paths import find_files, listed_paths
+from plat.motions.paths import find_files, listed_paths, read_twice
 from plat.motions.retargeting.asf import read_amc
 from plat.motions.retargeting.builtin import find_map
 from plat.motions.retargeting.bvh import read_bvh
@@ -32,7 +30,7 @@ from plat.motions.retargeting.mocap import FPS, Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
-from plat.pools import told_if_killed
+from plat.pools import HelperPool, told_if_killed
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -91,13 +89,16 @@ def bvh_paths(patterns: Sequence[str | Path], told: list[str] | None = None) -> 
 
     Args:
         patterns: paths, folders and globs.
-        told: is given a line for each copy of a file that was left out.
+        told: is given a line for each copy of a file that was left out, and for equal files that were not.
 
     Raises:
         MotionError: when there are none, or one of them names no file.
     """
     listed = listed_paths(patterns)
-    found = find_files(patterns, MOCAP_READERS, told=told)
+    equal: list[tuple[Path, Path]] | None = None if told is None else []
+    found = find_files(patterns, MOCAP_READERS, told=told, twice=equal)
+    if told is not None:
+        told += map(read_twice, equal or ())
     paths = [path for path in found if path in listed or _may_be_human(path)]
     if found and not paths:
         raise MotionError(
@@ -159,11 +160,13 @@ def read_capture(path: str | Path, fps: float | None = None, angles: Angles | No
         return mocap
     if not FPS[0] <= mocap.fps <= FPS[1]:
         raise MotionError(
-            f"{where}: it states {mocap.fps:.3g} frames a second, expected {FPS[0]:g} to {FPS[1]:g}; state it: --fps"
+            f"{where}: it states {mocap.fps:.3g} frames a second, expected {FPS[0]:g} to {FPS[1]:g}; state it: "
+            "plat motions convert --fps"
         )
     named = contradicting_name(path, [(mocap.fps, "it states")])
     told = [
-        f"{mocap.fps:g} fps as it states, though the file name says {rate:g} (else: --fps)" for rate, _ in named[:1]
+        f"{mocap.fps:g} fps as it states, though the file name says {rate:g} (else: plat motions convert --fps)"
+        for rate, _ in named[:1]
     ]
     return replace(mocap, notes=(*mocap.notes, *told))
 
@@ -271,9 +274,7 @@ def retarget_all(
     if workers < 2:
         yield from map(work, paths)
         return
-    # forked children inherit torch's thread pool in a state that can hang them
-    context = multiprocessing.get_context("spawn")
-    with told_if_killed(), ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool:
+    with told_if_killed(), HelperPool(workers, torch.set_num_threads, 1) as pool:
         yield from pool.map(work, paths, chunksize=4)
 
 

@@ -1,5 +1,6 @@
 """Inverse kinematics of a whole motion, frame after frame, with the library mink."""
 
+import daqp  # noqa: F401  (the solver that mink looks for)
 import mink
 import mujoco
 import numpy as np

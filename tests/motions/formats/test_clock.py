@@ -57,7 +57,7 @@ def test_all_that_fields_state_is_compared():
     fields = {"qpos": rows, "fps": np.array([30, 30]), "hz": 30.2, "dt": "0.02", "time": np.arange(9) * 0.1}
     assert rates_of_fields(fields) == [(30.0, "'fps'"), (50.0, "'dt'"), (10.0, "'time'")]
     assert rates_of_fields({"qpos": rows, "t": np.arange(9), "times": np.arange(5) * 0.1}) == []
-    with pytest.raises(MotionError, match="expected even steps .or state --fps"):
+    with pytest.raises(MotionError, match="expected even steps .or state them: plat motions convert --fps"):
         rates_of_fields({"qpos": rows, "fps": 30, "time": np.array([0, 1, 2, 3, 9, 10, 11, 12, 13]) / 30})
 
 

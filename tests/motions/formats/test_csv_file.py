@@ -583,7 +583,10 @@ def test_texts_beside_a_motion(tmp_path):
         (tmp_path / name).write_text("\n".join([",".join((column, *NAMES)), *rows]))
 
     write("a.csv", "time")
-    told = r"a.csv': column 1 .'time'. holds 'time 0', expected a number or a time .or state --fps.$"
+    told = (
+        r"a.csv': column 1 .'time'. holds 'time 0', expected a number or a time .or state them: "
+        r"plat motions convert --fps.$"
+    )
     with pytest.raises(MotionError, match=told):
         load_motions(tmp_path / "a.csv")
     assert load_motions(tmp_path / "a.csv", fps=50)[0].fps == 50

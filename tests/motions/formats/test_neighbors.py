@@ -337,7 +337,7 @@ REFUSED = {
     ),
     "a rate and another time step": (
         npz(clip=ROWS, fps=50, dt=0.04),
-        r"it states 50 \('fps'\) and 25 \('dt'\) frames a second; state which: --fps 25",
+        r"it states 50 \('fps'\) and 25 \('dt'\) frames a second; state which: plat motions convert --fps 25",
     ),
     "a rate and times of another": (
         npz(qpos=ROWS, fps=50, time=0.04 * COUNT),

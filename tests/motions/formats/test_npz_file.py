@@ -188,7 +188,9 @@ def test_meta_json_gives_what_the_archive_does_not_say(tmp_path):
     (file,) = read_motion_files(tmp_path)
     assert "default pose for the missing left_wrist_pitch, left_wrist_yaw, right_wrist_pitch" in file.facts
     (tmp_path / "meta.json").unlink()
-    with pytest.raises(MotionError, match="no array 'fps', expected the frames a second .or state them: --fps"):
+    with pytest.raises(
+        MotionError, match="no array 'fps', expected the frames a second .or state them: plat motions convert --fps"
+    ):
         load_motions(tmp_path)
     with pytest.raises(MotionError, match="no array 'joint_names', and 25 joints are no robot's whole number"):
         load_motions(tmp_path, fps=50)
@@ -570,7 +572,9 @@ def test_who_lies_in_a_unit_that_is_not_to_be_told_is_refused(tmp_path):
     qpos = np.tile(G1.default_qpos, (30, 1))
     qpos[:, :7] = [0, 0, 30, np.sqrt(0.5), 0, -np.sqrt(0.5), 0]
     np.savez(tmp_path / "a.npz", clip=qpos, fps=50)
-    with pytest.raises(MotionError, match="a.npz': the unit of places is not to be told: .* state it: --units"):
+    with pytest.raises(
+        MotionError, match="a.npz': the unit of places is not to be told: .* state it: plat motions convert --units"
+    ):
         load_motions(tmp_path / "a.npz")
     (found,) = load_motions(tmp_path / "a.npz", units="cm")
     np.testing.assert_allclose(found.qpos[:, 2], 0.3)

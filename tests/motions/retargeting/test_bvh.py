@@ -120,11 +120,11 @@ def test_the_frames_that_are_there_count(tmp_path, told):
     ("told", "message"),
     [
         ("33.3333", "33.3333 s is 0.03 frames a second, expected 8 to 1000 .30 if it is in milliseconds"),
-        ("30", "30 if it is the rate itself.; state it: --fps"),
+        ("30", "30 if it is the rate itself.; state it: plat motions convert --fps"),
         ("1.0", "1 s is 1 frames a second"),
         ("8333.3", "120 if it is in microseconds"),
         ("1e-6", "1e[+]06 frames a second"),
-        ("0", "positive seconds .or state the rate: --fps."),
+        ("0", "positive seconds .or state the rate: plat motions convert --fps."),
         ("-0.01", "positive seconds"),
         ("nan", "positive seconds"),
     ],
@@ -247,7 +247,9 @@ def write_walker(path, swing: float, *, scale: float, walks: bool) -> Path:
 def test_small_motion_is_in_degrees_as_the_format_has_it(tmp_path, largest):
     quiet = read_bvh(write_walker(tmp_path / "a.bvh", largest, scale=1.0, walks=False))
     told = f"{max(largest * np.sin(np.arange(90) / 8).max(), 0.6):.2g}"
-    assert quiet.notes == (f"angles in degrees, as BVH has them, though none is above {told} (else: --angles)",)
+    assert quiet.notes == (
+        f"angles in degrees, as BVH has them, though none is above {told} (else: plat motions convert --angles)",
+    )
     assert np.abs(quiet.positions - quiet.positions[:1]).max() < 10
 
 

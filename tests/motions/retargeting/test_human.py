@@ -114,7 +114,9 @@ def test_a_stated_unit_gives_way_to_the_legs(tmp_path):
 def test_an_unknown_unit_is_made_from_the_legs(tmp_path):
     found = human(write_human(tmp_path / "a.bvh", unit=1e6), AUTO)
     assert found.leg == pytest.approx(0.84)
-    assert "unit of lengths unknown: legs of 8.6e-05 taken as 0.84 m (else: --units)" in found.notes
+    assert (
+        "unit of lengths unknown: legs of 8.6e-05 taken as 0.84 m (else: plat motions convert --units)" in found.notes
+    )
 
 
 def exchanged(skeleton: SkeletonMap, *joints: str) -> SkeletonMap:
@@ -193,7 +195,9 @@ def test_a_format_whose_up_axis_is_known_needs_nobody_who_stands(tmp_path):
     """Kimodo's joints are y up: a body that leans far says nothing, and the format does."""
     mocap = turned(read_bvh(write_human(tmp_path / "a.bvh")), Rotation.from_euler("x", 45, degrees=True), (0, 500, 500))
     leaning = replace(mocap, rest=np.zeros_like(mocap.rest))
-    with pytest.raises(MotionError, match="which axis is up is not to be told from the poses; state it: --up"):
+    with pytest.raises(
+        MotionError, match="which axis is up is not to be told from the poses; state it: plat motions convert --up"
+    ):
         read_human(leaning, AUTO, "a.bvh")
     assert read_human(replace(leaning, up="y"), AUTO, "a.bvh").notes == mocap.notes
 

@@ -101,7 +101,7 @@ def joints_file(path, frames=5, **stated):
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
-        ({"fps": 0}, "it states 0 frames a second, expected 8 to 1000; state it: --fps"),
+        ({"fps": 0}, "it states 0 frames a second, expected 8 to 1000; state it: plat motions convert --fps"),
         ({"dt": 0.0}, "'dt' is 0, expected a positive time"),
         ({"fps": 30, "frames": 0}, "0 frames, expected at least 2"),
     ],
@@ -149,7 +149,7 @@ def test_captures_that_are_not_there_are_named(tmp_path):
 def test_the_rate_in_a_name_is_compared(tmp_path):
     result = retarget(write_human(tmp_path / "a_60fps.bvh", frames=5))
     assert result.clip.fps == 30
-    assert "30 fps as it states, though the file name says 60 (else: --fps)" in result.clip.notes
+    assert "30 fps as it states, though the file name says 60 (else: plat motions convert --fps)" in result.clip.notes
     assert not any("though" in note for note in retarget(write_human(tmp_path / "a_30fps.bvh", frames=5)).clip.notes)
     assert "fps from the file name" in retarget(joints_file(tmp_path / "b_60fps.npz")).clip.notes
 

@@ -33,11 +33,12 @@ function way(before, after, seconds, [horizontal, , orientation], limits) {
 
 /* Links in each other in a keyframe, or else on the way there on which all joints move evenly. */
 function links(robot, before, after, parts) {
-  const { limits, joints, way_parts: count } = robot.site, among = parts && robot.placedLinks(parts.slice(0, joints.length), parts.slice(joints.length, -3));
+  const { limits, joints, way_parts: count } = robot.site;
+  const placed = (asDrawn) => parts && robot.placedLinks(parts.slice(0, joints.length), parts.slice(joints.length, -3), asDrawn), among = placed(true);
   const pair = ({ names, depth }) => [names.join(" and "), `${cm(depth)} cm`];
-  const there = robot.deepest(after, among);
+  const there = robot.deepest(after, placed(false));
   if (there.depth > limits.self_penetration) { const [both, deep] = pair(there); return [`${both} are ${deep} inside each other`]; }
-  if (robot.deepest(before, among).depth > limits.self_penetration) return [];
+  if ([before, after].some((qpos) => robot.deepest(qpos, among).depth > limits.self_penetration)) return [];
   let worst = there;
   for (let part = 1; part < count; part++) {
     const found = robot.deepest(before.map((value, at) => value + (part / count) * (after[at] - value)), among);

@@ -289,10 +289,14 @@ export class Robot {
   }
 
   /* The links that are where they were drawn, as the root is: between it and flagged keypoints, and those that flagged joints alone lead to. */
-  placedLinks(joints, keypoints) {
-    const { jnt_bodyid: moved, body_parentid: parent } = this.model, free = new Set([...moved.slice(1)].filter((_, joint) => !joints[joint])), placed = new Set([1]);
+  placedLinks(joints, keypoints, asDrawn) {
+    const { jnt_bodyid: moved, body_parentid: parent, body_jntadr: joint, jnt_pos: place } = this.model, free = new Set([...moved.slice(1)].filter((_, joint) => !joints[joint])), placed = new Set([1]);
     for (let body = 2; body < parent.length; body++) if (placed.has(parent[body]) && !free.has(body)) placed.add(body);
-    for (let body of this.keypoints.filter((_, number) => keypoints[number])) for (; body; body = parent[body]) placed.add(body);
+    const turns = (body) => free.has(body) && [0, 1, 2].every((axis) => !place[3 * joint[body] + axis]);
+    for (let body of this.keypoints.filter((_, number) => keypoints[number])) {
+      if (!asDrawn && turns(body)) body = parent[body];
+      for (; body; body = parent[body]) placed.add(body);
+    }
     return placed;
   }
 

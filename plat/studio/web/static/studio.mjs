@@ -497,7 +497,7 @@ class Studio {
       row("Put", button("On floor", () => this.actions.floor()), button("Feet flat", () => this.actions.flat()), button("Standing", () => this.actions.stand())),
       make("hr"), row("Follow it", Object.assign(check("follow", true), { onchange: () => this.show() })),
       button("Compare all policies", () => this.compare()), at.scores,
-      make("p", { className: "more", textContent: "Motion clips, a library of poses, videos and experts need the page with a server: pip install 'plat-rl[studio]', then plat studio." }),
+      make("p", { className: "more", textContent: "Motion clips, a library of poses, videos and experts need the page with a server: install plat with its extra studio, then run plat studio." }),
     );
   }
 
