@@ -130,6 +130,7 @@ def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:
     Raises:
         KeyframeError: naming the field.
     """
+    check_robot(robot)
     return _keyframe(entry, "keyframe", ("time", *_POSE_FIELDS), "wxyz", robot, version=2)
 
 
