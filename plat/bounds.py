@@ -266,7 +266,8 @@ def _check(hint: Any) -> tuple[_Check, str]:
     if isinstance(hint, type) and issubclass(hint, os.PathLike):
         return (lambda value: isinstance(value, os.PathLike)), "a path"
     if isinstance(hint, type) and hint is not object and not getattr(hint, "_is_protocol", False):
-        return (lambda value: isinstance(value, hint)), f"a {hint.__name__}"
+        article = "an" if hint.__name__[0] in "AEIOU" else "a"
+        return (lambda value: isinstance(value, hint)), f"{article} {hint.__name__}"
     return (lambda value: True), ""
 
 

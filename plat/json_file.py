@@ -9,7 +9,7 @@ from typing import Any
 from plat.bounds import shown
 from plat.errors import PlatError
 
-__all__ = ["parse_json", "read_json", "short"]
+__all__ = ["parse_json", "read_json", "short", "version_fault"]
 
 MAX_BYTES = 32 << 20
 """Largest file that is read: an hour of keyframes takes a fifth of it."""
@@ -99,6 +99,24 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
     except ValueError:
         raise error(f"{label}: not a readable JSON file (a number of thousands of digits)") from None
     return values
+
+
+def version_fault(version: object, latest: int) -> str:
+    """Return in words why a version of a file's format is none that is read; empty for one that is.
+
+    Args:
+        version: what the file says.
+        latest: newest version that is read; the first one is 1.
+
+    >>> version_fault(1, 2), version_fault(3, 2), version_fault("1", 2)
+    ('', 'is 3, this plat reads up to 2: update plat', "is '1', expected 1 or 2")
+    """
+    if isinstance(version, int | float) and not isinstance(version, bool):
+        if version in range(1, latest + 1):
+            return ""
+        if version > latest and version == version // 1:
+            return f"is {short(version)}, this plat reads up to {latest}: update plat"
+    return f"is {short(version)}, expected {' or '.join(map(str, range(1, latest + 1)))}"
 
 
 def short(value: object) -> str:

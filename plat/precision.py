@@ -16,7 +16,7 @@ Precision = Literal["auto", "float32", "bfloat16"]
 
 
 def has_fast_bfloat16(device: torch.device | str) -> bool:
-    """Whether bfloat16 is worth it there: CPUs with AMX or AVX512-BF16, GPUs of compute capability 8 and up."""
+    """Return whether bfloat16 is worth it there: CPUs with AMX or AVX512-BF16, GPUs of compute capability 8 and up."""
     import torch  # not at the top: a help text that names the precisions has no use for it
 
     device = _known(device)
@@ -28,7 +28,7 @@ def has_fast_bfloat16(device: torch.device | str) -> bool:
 
 
 def autocast(device: torch.device | str | None, precision: Precision) -> AbstractContextManager:
-    """Context in which networks run at a precision.
+    """Return the context in which networks run at a precision.
 
     Hidden layers and recurrences run in it; the last layer of a network made by :func:`plat.modules.mlp`, unless that
     is told otherwise, and so actions, log-probabilities and losses, stay in float32. ``"auto"`` is bfloat16 where that

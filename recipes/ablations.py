@@ -3,9 +3,9 @@
 plat ablations --runs runs/ablations --motions test.npz --out runs/ablations/scores
 
 ``--runs`` holds one run a row: sonic-style, expert (Scratch RL), plain (without the privileged latent), dagger,
-finetune, action and plat; of rows with several training seeds plat-seed0, plat-seed1 and so on. A row whose run is not
-there is left out. ``--train`` trains what is missing or unfinished first. Everything that is done is kept: started
-again after it was killed, the recipe goes on where it was.
+finetune, action, plat, imagined and imagined-latent; of rows with several training seeds plat-seed0, plat-seed1 and so
+on. A row whose run is not there is left out. ``--train`` trains what is missing or unfinished first. Everything that is
+done is kept: started again after it was killed, the recipe goes on where it was.
 
 ``--ray`` trains and scores on a Ray cluster, whose machines all see the folders. Each row is in the table as soon as
 it is scored.
@@ -40,8 +40,8 @@ from plat.evaluation.score_table import rows as table_rows
 from plat.figures import pyplot
 from plat.files import check_folder, replace_file
 from plat.motions import MotionLibrary
-from plat.recipes import distill, expert, refine
-from plat.recipes.options import AblationsRecipe, Training
+from plat.recipes import distill, expert, imagine, refine
+from plat.recipes.options import AblationsRecipe, ImaginationRecipe, Training
 from plat.robots import get_robot
 from plat.runs import RecipeConfig, SavedRun, is_run, log_table, on_device, report_errors, run_inputs, start_logging
 from plat.runs.changes import compared
@@ -66,7 +66,7 @@ class Row:
 
     name: str
     folder: str
-    steps: Literal["expert_steps", "student_steps", "refine_steps"]
+    steps: Literal["expert_steps", "student_steps", "refine_steps", "imagine_steps"]
     recipe: Callable[[Path, dict[str, Any]], RecipeConfig]
     seeds: bool = False
     needs: str | None = None
@@ -92,7 +92,16 @@ def refined_recipe(
     return refine.RefineRecipe(student=runs / "dagger", variant=variant, **settings)
 
 
-# in the order of the paper's table; a row is trained after those above it, which it may need
+def imagined_recipe(runs: Path, settings: dict[str, Any], student: Literal["plain", "latent"]) -> RecipeConfig:
+    """By imagination, from nothing; with a latent, some robots act through its posterior, as the student of stage 2."""
+    posterior = POSTERIOR if student == "latent" else 0.0
+    return imagine.ImagineRecipe(student=student, posterior=posterior, **settings)
+
+
+POSTERIOR = 0.5
+"""Share of the imagined robots that act through the privileged posterior."""
+
+# in the order of the paper's table, and what is plat's own; a row is trained after those above it, which it may need
 ROWS = (
     Row("SONIC-style", "sonic-style", "expert_steps", partial(expert_recipe, ahead=(1, 2, *range(6, 42, 5)))),
     Row("Scratch RL", "expert", "expert_steps", expert_recipe),
@@ -101,9 +110,13 @@ ROWS = (
     Row("Direct RL fine-tune", "finetune", "refine_steps", partial(refined_recipe, variant="finetune"), True, "dagger"),
     Row("Residual action", "action", "refine_steps", partial(refined_recipe, variant="action"), True, "dagger"),
     Row("PLAT", "plat", "refine_steps", partial(refined_recipe, variant="latent"), True, "dagger"),
+    Row("Imagined", "imagined", "imagine_steps", partial(imagined_recipe, student="plain")),
+    Row("Imagined latent", "imagined-latent", "imagine_steps", partial(imagined_recipe, student="latent")),
 )
+COMPARED = "PLAT"
+"""Row whose difference from each other is shown."""
 ORDER = ("SONIC", "SONIC 1.1", "SONIC-style", "ProtoMotions", "TWIST2", "wbc", "YAHMP", *(row.name for row in ROWS[1:]))
-STAGES: dict[str, Any] = {"expert": expert, "distill": distill, "refine": refine}
+STAGES: dict[str, Any] = {"expert": expert, "distill": distill, "refine": refine, "imagine": imagine}
 TRACKERS = (*CATALOG, "SONIC-style", "Scratch RL")
 HARD = ("brisk", "hard")
 """Bins of difficulty whose commands get tables and figures of their own."""
@@ -265,10 +278,13 @@ def check_made_so(training: Planned, inputs: dict[str, Any]) -> None:
         PlatError: naming the row and what differs.
     """
     needs = training.row.needs
-    if needs and has_weights(before := training.out.parent / needs):
+    if needs and has_weights(source := training.out.parent / needs):
         what = "expert" if isinstance(training.recipe, distill.DistillRecipe) else "student"
-        inputs = {**inputs, what: weights_print(SavedRun(before).policy_as(nn.Module, "weights"))}
-    _, differing = compared(training.out, SavedRun(training.out).config, training.recipe, inputs)
+        inputs = {**inputs, what: weights_print(SavedRun(source).policy_as(nn.Module, "weights"))}
+    before, recipe = SavedRun(training.out), training.recipe
+    if isinstance(recipe, ImaginationRecipe):  # a run has all its rates, a recipe those that are given
+        recipe = replace(recipe, imagination=recipe.with_rates(before.settings))
+    _, differing = compared(training.out, before.config, recipe, inputs)
     if differing:
         raise PlatError(
             f"{training.row.name}: {str(training.out)!r} was trained otherwise: {differing}; train with what it had, "
@@ -516,7 +532,7 @@ def write_table(
     made_of = ["| row | runs |", "|---|---|"]
     made_of += [f"| {name} | {', '.join(map(described, candidates))} |" for name, candidates in rows.items()]
     by_difficulty = f"**by difficulty, {groups[0].test}**\n\n{group_table(groups)}" if groups else ""
-    parts = (markdown(scores), by_difficulty, differences(scores, ROWS[-1].name), "\n".join(made_of) + "\n")
+    parts = (markdown(scores), by_difficulty, differences(scores, COMPARED), "\n".join(made_of) + "\n")
     text = "\n".join(filter(None, parts))
     replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
 

@@ -397,8 +397,10 @@ class Training(Bounded):
     """environment steps of each student (stage 2)"""
     refine_steps: Count = 3_000_000
     """environment steps of each refined policy (stage 3)"""
+    imagine_steps: Count = 1_500_000
+    """environment steps of each imagined policy, which learns from each of them for longer"""
     seeds: Annotated[tuple[Seed, ...], NotEmpty()] = (0, 1, 2)
-    """training seeds of the refined policies; trackers and students are trained with the first"""
+    """training seeds of the refined policies; the others are trained with the first"""
     num_envs: Robots = 512
     """robots that are simulated at a time"""
     cpus: Count = 2

@@ -67,7 +67,7 @@ class Settings(Bounded):
         ({"mode": "slower"}, "mode is 'slower', expected one of fast, slow"),
         ({"flag": 1}, "flag is 1, expected True or False"),
         ({"out": "runs"}, "out is 'runs', expected a path"),
-        ({"inner": 0.5}, "inner is 0.5, expected a Inner"),
+        ({"inner": 0.5}, "inner is 0.5, expected an Inner"),
         ({"plain": float("nan")}, "plain is nan, expected a number"),
         ({"decay": 1.0}, "decay is 1.0, expected a number of at least 0 and below 1"),
     ],

@@ -70,7 +70,8 @@ def _value(name: str, hint: Any, text: str) -> Any:
     args = typing.get_args(hint)
     if type(None) in args and text == "none":
         return None
-    count = len(args) if typing.get_origin(hint) is tuple else 1
+    pair = next((one for one in (hint, *args) if typing.get_origin(one) is tuple), None)
+    count = len(typing.get_args(pair)) if pair else 1
     try:
         numbers = tuple(float(part) for part in text.split(":"))
     except ValueError:

@@ -25,7 +25,7 @@ DEFAULTS = (
 
 
 def read(run: Path, metric: str) -> tuple[list[float], list[float]]:
-    """Minutes of training and values of a metric."""
+    """Return minutes of training and values of a metric."""
     rows = _rows(run)
     try:
         values = [(float(row["seconds"]) / 60, float(row[metric])) for row in rows if row.get(metric)]

@@ -225,7 +225,7 @@ def write_page(recipe: EvaluateRecipe, conditions: str, study: Study, authored: 
 
 
 def written_by(recipe: EvaluateRecipe, pictures: Sequence[Path]) -> list[Path]:
-    """Tables, folders and figures that are there now, of those that were asked for."""
+    """Return the tables, folders and figures that are there now, of those that were asked for."""
     tables = [recipe.csv] if recipe.csv is not None else []
     if recipe.csv is not None and recipe.authored:
         tables.append(authored_csv(recipe.csv))
@@ -383,17 +383,17 @@ def draw_authored_strips(
 
 
 def first_named(library: MotionLibrary, pattern: str | None) -> int:
-    """The number of the first motion, or of the first one whose name a regular expression is found in."""
+    """Return the number of the first motion, or of the first one whose name a regular expression is found in."""
     return 0 if pattern is None else library.named(pattern)[0]
 
 
 def print_head() -> None:
-    """Headings of the lines that :func:`print_score` prints."""
+    """Print the headings of the lines that :func:`print_score` prints."""
     print(f"{'policy':<22}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 mm':<22}{'falls %':<9}seconds")
 
 
 def print_score(score: Score, seconds: float) -> None:
-    """A line of the table."""
+    """Print a line of the table."""
     cells = (METRICS[name].text(score.figures[name]) for name in HEADLINE)
     falls = f"{score.figures['fall_rate'].value:.1f}"
     tks, mpjpe, mpkpe = cells

@@ -248,7 +248,7 @@ def cut(command: Convert, clip: MotionClip) -> list[MotionClip]:
 def repaired(
     command: Convert, file: MotionFile, lost: Lost, verdicts: list[tuple[str, str]] | None = None
 ) -> list[MotionClip]:
-    """The clips of a file with the repairs that were asked for; prints those that are dropped.
+    """Return the clips of a file with the repairs that were asked for; print those that are dropped.
 
     Args:
         command: what was asked for.
@@ -286,7 +286,7 @@ def repaired(
 
 
 def repair(command: Convert, clip: MotionClip, verdicts: list[tuple[str, str]] | None = None) -> MotionClip:
-    """One clip with them."""
+    """Return one clip with them."""
     robot = get_robot(command.robot)
     if command.smooth_steps:
         smoothed = smooth_steps(clip, command.limits.step_speed, robot)
@@ -534,7 +534,7 @@ def check_out(out: Path, form: str) -> None:
 
 
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
-    """The clips with a number behind a name that was there before."""
+    """Return the clips with a number behind a name that was there before."""
     taken: set[str] = set()
     numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(2))
     named = []
@@ -582,7 +582,7 @@ def print_table(reports: Sequence[MotionReport], read_as: Sequence[str]) -> None
 
 
 def counted_verdicts(verdicts: Sequence[str]) -> str:
-    """``2 use, 0 repair, 1 drop``."""
+    """Return ``2 use, 0 repair, 1 drop``."""
     counts = Counter(verdicts)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in ("use", "repair", "drop"))
 
@@ -597,7 +597,7 @@ def limit_line(panel: Any, value: float, told: str) -> None:
 
 
 def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> None:
-    """A row of pictures a clip."""
+    """Draw a row of pictures a clip."""
     try:
         stage = Stage(robot, width=240, height=240, distance=2.6)
     except RenderingError as error:
@@ -631,7 +631,7 @@ def draw_sheet(path: Path, clips: Sequence[MotionClip], robot: Robot = G1) -> No
 
 
 def plot(path: Path, clip: MotionClip, report: MotionReport, limits: ValidationLimits, robot: Robot = G1) -> None:
-    """Joint angles within their limits, heights of the soles, and speeds over time, with the limits of the checks."""
+    """Plot joint angles within their limits, heights of the soles, and speeds over time, with limits of checks."""
     time = np.arange(len(clip.qpos)) / clip.fps
     low, high = robot.joint_range.numpy().T
     figure, panels = pyplot().subplots(3, 1, figsize=(9, 8), sharex=True, layout="constrained")
@@ -669,7 +669,7 @@ def plot(path: Path, clip: MotionClip, report: MotionReport, limits: ValidationL
 
 
 def file_name(name: str) -> str:
-    """A clip's name without what a file system minds."""
+    """Return a clip's name without what a file system minds."""
     return "".join(letter if letter.isalnum() or letter in "-_. " else "_" for letter in name).lstrip(".") or "motion"
 
 

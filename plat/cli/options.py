@@ -89,7 +89,7 @@ class ScoringConfig(Bounded):
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:
-        """Experiment loggers that were asked for."""
+        """Return the experiment loggers that were asked for."""
         return chosen_loggers(self.wandb, self.trackio)
 
 

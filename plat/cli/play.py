@@ -106,7 +106,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
 
 
 def print_table(scores: Sequence[KeyframeScore], hold: HoldScore | None, window: int) -> None:
-    """A row a keyframe, what they come to over an arrival window of some control steps, and what became of the hold."""
+    """Print a row a keyframe, what they come to over an arrival window, and what became of the hold."""
     tks, joint, keypoint = f"TKS@{window}", f"MPJPE@{window} rad", f"MPKPE@{window} mm"
     print(f"{'':>3}  {'keyframe':<20}  {'time s':>6}  {tks:<5}  {joint:>11}  {keypoint:>10}  outcome")
     for score in scores:

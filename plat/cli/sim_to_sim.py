@@ -103,7 +103,7 @@ def possible_settings(robot: Robot, control_dt: float) -> list[PhysicsSetting]:
 
 
 def motion_keyframes(library: MotionLibrary, seed: int, timing: Timing = Timing()) -> list[KeyframeSequence]:
-    """The commands that plat evaluate gives along every motion, as keyframes."""
+    """Return the commands that plat evaluate gives along every motion, as keyframes."""
     schedule = CommandSchedule(library, Horizon(1, min(50, timing.max_steps)), seed)
     issued = schedule.first_frame
     sequences = []

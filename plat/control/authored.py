@@ -4,6 +4,7 @@ Recorded motion is not what a person draws. Each family here is a chain of five 
 a hold. The same seed gives the same chains.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 from copy import deepcopy
@@ -14,9 +15,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from plat.bounds import Count, Seed, check_robot, check_value
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes import Keyframe, KeyframeSequence, split_long_intervals, standing
-from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, RESTING, TRIES, ChainFamily
 from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
 from plat.motions import MotionLibrary
@@ -27,16 +30,18 @@ from plat.rotations import quat_from_rotvec, quat_multiply
 from plat.spec.parts import Parts
 from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
+from plat.words import counted
 
 __all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
 
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
 
-# What counts as at rest in a clip. The height is of a robot whose root stands at 0.76 m.
-_JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = 0.6, 0.1, 0.55  # rad/s, m/s, m
+_JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = RESTING
 _FOOT_OFF = 5e-3  # m
 _SPARE = 3  # crouches that are solved ahead beyond those of a chain, for feet that come off
+
+_LOGGER = logging.getLogger("plat.motions")
 
 FAMILIES: dict[str, ChainFamily] = {name: family for name, family in FAMILY_TABLE.items() if family.scored}
 """The families that are scored, by name: ``far`` is out of reach within its 0.5 to 1 s, ``far3s`` is the same with 3 s.
@@ -75,23 +80,36 @@ def author(
         robot: whose keyframes they are.
         count: number of chains.
         seed: draws them.
-        resting: poses ``[M, 7 + J]`` for families that need them, see :func:`resting_poses`.
+        resting: poses ``[M, 7 + J]`` for families that need them, see :func:`resting_poses`. A chain of ``poses`` has
+            five; where there are fewer, they repeat, and a line says so.
         timing: of the policy that is to chase them; an interval beyond its longest command is split.
 
     Raises:
-        KeyframeError: for another family, or one that needs what is not there, see
-            :func:`plat.keyframes.chain_needs.lacking`.
+        KeyframeError: for another family, one that needs what is not there (see
+            :func:`plat.keyframes.chain_needs.lacking`), and resting poses that are none of the robot's.
+        RobotError: for what is no robot.
+        ConfigError: for another argument that makes no sense.
 
     >>> from plat.robots import G1
     >>> chain = author("arms", G1, count=1, seed=0)[0]
     >>> len(chain.sequence), chain.hold, chain.sequence.keyframes[0].name
     (5, 3.0, 'arms 1')
     """
-    if family not in FAMILIES:
-        raise KeyframeError(f"authored family {family!r}, expected one of {', '.join(FAMILIES)}")
+    check_robot(robot)
+    check_value("author: count", count, Count)
+    check_value("author: seed", seed, Seed)
+    check_value("author: timing", timing, Timing | None)
+    if not isinstance(family, str) or family not in FAMILIES:
+        raise KeyframeError(f"authored family {short(family)}, expected one of {', '.join(FAMILIES)}")
+    if resting is not None and np.shape(resting)[1:] != (7 + robot.num_joints,):
+        expected = f"expected poses (M, {7 + robot.num_joints})"
+        raise KeyframeError(f"author: resting has shape {np.shape(resting)}, {expected}, as resting_poses returns them")
     kind = FAMILIES[family]
     if lack := lacking(kind, robot, resting):
         raise KeyframeError(f"authored family {family!r} needs {lack}")
+    if resting is not None and kind.resting and not kind.same and len(resting) < kind.length:
+        found = counted(len(resting), "clip with a resting pose", "clips with a resting pose")
+        _LOGGER.warning("authored family %r: %s, and %d keyframes a chain: poses repeat", family, found, kind.length)
     # a stream of its own for each family, so that a family is the same whatever others are asked for
     random = np.random.default_rng([seed, *family.encode()])
     draw = _Draw(robot, random, resting)
@@ -126,11 +144,15 @@ def resting_poses(library: MotionLibrary) -> Pose:
     A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m, of
     a robot whose root stands at 0.76 m; of others in proportion. Of each clip the slowest such pose is taken.
 
+    Raises:
+        ConfigError: for what is no library.
+
     >>> from plat.motions import generate_motions
     >>> poses = resting_poses(MotionLibrary.from_clips(generate_motions("val", seconds=8)))
     >>> poses.shape[1], bool((poses[:, 2] > 0.55).all())
     (36, True)
     """
+    check_value("resting_poses: library", library, MotionLibrary)
     frames = library.frames
     joint_speed = frames["joint_vel"].abs().amax(-1)
     root_speed = frames["keypoint_lin_vel"][:, 0].norm(dim=-1)

@@ -85,7 +85,7 @@ class Delayed:
         self.reset()
 
     def reset(self, joint_target: NDArray[np.floating] | None = None) -> None:
-        """See :class:`plat.control.Controller`."""
+        """Start a new chase, see :class:`plat.control.Controller`."""
         self._controller.reset(joint_target)
         first = self._first if joint_target is None else joint_target
         self._coming = deque([first] * self._delay)

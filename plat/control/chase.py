@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from plat.bounds import Range, check_value
 from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
-from plat.errors import KeyframeError
+from plat.errors import KeyframeError, PlatError
+from plat.json_file import short
 from plat.keyframes import Command, Keyframe, KeyframeSequence
 from plat.spec.parts import whole_only
 from plat.spec.timing import Timing
@@ -91,7 +92,7 @@ class Chase(Iterator[ChaseStep]):
     Raises:
         KeyframeError: for a command that is longer than the policy's timing allows, or that a policy for whole poses
             cannot follow.
-        PlatError: when policy and simulator have different control steps.
+        PlatError: when policy and simulator have different control steps, or one of them is none.
 
     >>> from plat.robots import G1
     >>> from plat.keyframes import standing
@@ -104,6 +105,9 @@ class Chase(Iterator[ChaseStep]):
     """
 
     def __init__(self, controller: Controller, sequence: KeyframeSequence, simulator: Simulator, *, hold: float = 0.0):
+        if not hasattr(simulator, "control_dt"):
+            raise PlatError(f"chase: simulator is {short(simulator)}, expected a Simulator")
+        _check_controller(controller)
         controller.timing.check_control_dt(simulator.control_dt, "simulator")
         check_value("chase: hold", hold, Annotated[float, Range(0, infinite=True)])
         self.simulator = simulator
@@ -128,6 +132,7 @@ class Chase(Iterator[ChaseStep]):
         Raises:
             KeyframeError, PlatError: as for a new chase.
         """
+        _check_controller(controller)
         controller.timing.check_control_dt(self.simulator.control_dt, "simulator")
         sequence = _for_controller(sequence, controller)
         controller.reset(self._joint_target)
@@ -196,7 +201,15 @@ def check_parts_are_seen(sequence: KeyframeSequence, controller: Controller, fil
         raise KeyframeError(f"{where}{whole_only(partial)}")
 
 
+def _check_controller(controller: Controller) -> None:
+    """Raise an error for what is no controller; a policy is one within a PolicyController."""
+    if not isinstance(getattr(controller, "timing", None), Timing) or not callable(getattr(controller, "reset", None)):
+        raise PlatError(f"chase: controller is {short(controller)}, expected one such as a PolicyController")
+
+
 def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:
     """Return a sequence at the timing of a controller that can follow it."""
+    if not isinstance(sequence, KeyframeSequence):
+        raise KeyframeError(f"chase: sequence is {short(sequence)}, expected a KeyframeSequence")
     check_parts_are_seen(sequence, controller)
     return sequence.with_timing(controller.timing)

@@ -7,14 +7,18 @@ keyframe. Where it runs through them it needs less speed, and no such accelerati
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 import mujoco
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from plat.bounds import Bounded, Range, check_robot, check_value
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes import Keyframe, KeyframeSequence
+from plat.keyframes.keyframe import check_keyframe
 from plat.motions.checks.collision import link_contacts
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
@@ -26,29 +30,40 @@ WAY_PARTS = 12
 """Equal parts of the straight way between two poses; links are looked at where two of them meet."""
 
 
-@dataclass(frozen=True)
-class FeasibilityLimits:
-    """Values beyond which a keyframe is doubted."""
+Limit: TypeAlias = Annotated[float, Range(0, infinite=True)]
+"""Largest value that is not doubted; infinity doubts none."""
 
-    joint_speed: float = 20.0
+
+@dataclass(frozen=True)
+class FeasibilityLimits(Bounded):
+    """Values beyond which a keyframe is doubted.
+
+    Speeds are the least peak from rest to rest, see :class:`Feasibility`.
+    """
+
+    joint_speed: Limit = 20.0
     """rad/s; limit of the G1's knee in Unitree's description"""
-    root_speed: float = 3.5
+    root_speed: Limit = 3.5
     """m/s, horizontal; fast running of recorded people, retargeted to the G1, peaks at 3.7 to 4.3"""
-    root_acceleration: float = 9.81
+    vertical_speed: Limit = 5.5
+    """m/s of the root, up or down; jumps of the validation motions, retargeted to the G1, need up to 5.4"""
+    clearance: Limit = 0.6
+    """m; height of the whole robot above the floor, held or not; these jumps, and ASAP's, rise to 0.5"""
+    root_acceleration: Limit = 9.81
     """m/s^2, horizontal; what a foot with a friction coefficient of 1 can push"""
-    body_speed: float = 8.0
+    body_speed: Limit = 8.0
     """m/s of a body that a partial keyframe commands; faster than punches and kicks of the G1"""
-    turn_speed: float = 6.0
+    turn_speed: Limit = 6.0
     """rad/s of the root about any axis"""
     support_margin: float = 0.0
     """m; least distance of the center of mass inside the support polygon, for a pose that is held"""
-    self_penetration: float = 0.02
+    self_penetration: Limit = 0.02
     """m"""
-    way_penetration: float = 0.02
+    way_penetration: Limit = 0.02
     """m; links in each other on the straight way from the pose before, where neither pose has any"""
-    floor_penetration: float = 0.03
+    floor_penetration: Limit = 0.03
     """m"""
-    floating: float = 0.05
+    floating: Limit = 0.05
     """m; height of the lower sole above the floor, for a pose that is held"""
 
 
@@ -90,6 +105,10 @@ class Feasibility:
         robot: the robot.
         limits: what is doubted.
 
+    Raises:
+        RobotError: for what is no robot.
+        ConfigError: for what are no limits.
+
     >>> from plat.keyframes import standing
     >>> from plat.robots import G1
     >>> stand = standing(G1)
@@ -101,11 +120,14 @@ class Feasibility:
     """
 
     def __init__(self, robot: Robot, limits: FeasibilityLimits | None = None):
+        check_robot(robot)
+        check_value("Feasibility: limits", limits, FeasibilityLimits | None)
         self._robot = robot
         self.limits = limits or FeasibilityLimits()
         self._soles = Soles(robot)
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
+        self._keypoints = [self._model.body(name).id for name in robot.keypoints]
 
     def __call__(self, before: Keyframe, after: Keyframe, *, held: bool = False) -> tuple[Concern, ...]:
         """Return what is doubtful about a keyframe; nothing where all is well.
@@ -116,12 +138,10 @@ class Feasibility:
             held: whether the robot stays in it, and so must balance there.
 
         Raises:
-            KeyframeError: for poses of another robot, or a keyframe that is not after the pose before it.
+            KeyframeError: naming the field, for a pose that no keyframe file may hold (:meth:`Keyframe.checked`), or a
+                keyframe that is not after the pose before it.
         """
-        for name, pose in (("before", before), ("after", after)):
-            if np.shape(pose.joint_pos) != (self._robot.num_joints,):
-                expected = f"expected ({self._robot.num_joints},)"
-                raise KeyframeError(f"{name}: joint_pos has shape {np.shape(pose.joint_pos)}, {expected}")
+        before, after = (self._checked(name, pose) for name, pose in (("before", before), ("after", after)))
         if not after.time > before.time:
             raise KeyframeError(f"after: time is {after.time} s, expected later than {before.time} s")
         others = self._pose(after, held) if after.whole else self._bodies(before, after)
@@ -131,10 +151,22 @@ class Feasibility:
         """Return the concerns about each keyframe of a sequence.
 
         Held are the last one, and those that the next one repeats.
+
+        Raises:
+            KeyframeError: for a sequence of another robot.
         """
+        if not isinstance(keyframes, KeyframeSequence):
+            raise KeyframeError(f"keyframes is {short(keyframes)}, expected a KeyframeSequence")
         following = (*keyframes.keyframes[1:], None)
         triples = zip(keyframes.arrived[:-1], keyframes.keyframes, following, strict=True)
         return tuple(self(before, now, held=after is None or _same(now, after)) for before, now, after in triples)
+
+    def _checked(self, name: str, pose: Keyframe) -> Keyframe:
+        check_keyframe(name, pose)
+        try:
+            return pose.checked(self._robot)
+        except KeyframeError as error:
+            raise KeyframeError(f"{name}: {error}") from None
 
     def _move(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         limits, seconds = self.limits, after.time - before.time
@@ -153,6 +185,8 @@ class Feasibility:
         ]
         distance = float(np.linalg.norm(after.root_pos[:2] - before.root_pos[:2])) * commands.root[0]
         speed, acceleration = 2 * distance / seconds, 4 * distance / seconds**2
+        rise = float(after.root_pos[2] - before.root_pos[2]) * commands.root[1]
+        vertical = 2 * abs(rise) / seconds
         turn = 2 * _angle(before.root_quat, after.root_quat) / seconds * commands.root[2]
         for measure, value, limit, words in (
             ("root_speed", speed, limits.root_speed, f"{distance:.1f} m in {seconds:.2f} s takes {speed:.1f} m/s"),
@@ -161,6 +195,12 @@ class Feasibility:
                 acceleration,
                 limits.root_acceleration,
                 f"{distance:.1f} m in {seconds:.2f} s takes {acceleration:.0f} m/s^2, more than feet can push",
+            ),
+            (
+                "vertical_speed",
+                vertical,
+                limits.vertical_speed,
+                f"{abs(rise):.1f} m {'up' if rise > 0 else 'down'} in {seconds:.2f} s takes {vertical:.1f} m/s",
             ),
             (
                 "turn_speed",
@@ -190,6 +230,10 @@ class Feasibility:
         sunk = -float(after.root_pos[2]) * after.commands.root[1]
         if sunk > limits.floor_penetration:
             concerns.append(self._sunk("root", sunk))
+        above = float(after.root_pos[2] - self._robot.root_height) * after.commands.root[1]
+        if above > limits.clearance:
+            words = f"root is {100 * above:.0f} cm above where it is in standing, higher than a jump"
+            concerns.append(Concern("clearance", "root", above, limits.clearance, words))
         return concerns
 
     def _sunk(self, name: str, depth: float) -> Concern:
@@ -200,7 +244,7 @@ class Feasibility:
         """Positions of the keypoints ``[K, 3]`` (m, world)."""
         self._data.qpos[:] = pose.qpos
         mujoco.mj_kinematics(self._model, self._data)
-        return self._data.xpos[[self._model.body(name).id for name in self._robot.keypoints]].copy()
+        return self._data.xpos[self._keypoints].copy()
 
     def _links(self, before: Keyframe, after: Keyframe) -> list[Concern]:
         """Concern about links that are in each other in a keyframe, or else on the straight way there."""
@@ -266,10 +310,15 @@ class Feasibility:
         if sunk > limits.floor_penetration:
             words = f"the robot is {100 * sunk:.0f} cm inside the floor"
             concerns.append(Concern("floor_penetration", "floor", sunk, limits.floor_penetration, words))
-        if not held:
-            return concerns
         points = self._soles.points(torch.from_numpy(pose.qpos)[None])[0].reshape(-1, 3).numpy()
         height = float(points[:, 2].min())
+        if not held:
+            # of a robot that lies or stands on its hands, other bodies are lowest
+            lowest = min(height, float(self._data.xpos[self._keypoints, 2].min()))
+            if lowest > limits.clearance:
+                words = f"the robot is {100 * lowest:.0f} cm above the floor, higher than a jump"
+                concerns.append(Concern("clearance", "floor", lowest, limits.clearance, words))
+            return concerns
         if height > limits.floating:
             words = f"the feet are {100 * height:.0f} cm above the floor"
             return [*concerns, Concern("floating", "feet", height, limits.floating, words)]

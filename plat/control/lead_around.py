@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import torch
 
+from plat.bounds import check_value
 from plat.control.feasibility import WAY_PARTS, Feasibility
 from plat.errors import KeyframeError
+from plat.json_file import short
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.robots import Robot
 from plat.spec.timing import Timing
@@ -29,6 +31,7 @@ def keyframe_around(before: Keyframe, after: Keyframe, robot: Robot, timing: Tim
         KeyframeError: where :class:`plat.control.Feasibility` has a concern about the way and no way around is found,
             or no control step is between.
     """
+    check_value("keyframe_around: timing", timing, Timing | None)
     blocked = [concern for concern in Feasibility(robot)(before, after) if concern.measure == "way_penetration"]
     if not blocked:
         return None
@@ -66,6 +69,8 @@ def lead_around(sequence: KeyframeSequence) -> KeyframeSequence:
     >>> [keyframe.time for keyframe in lead_around(crossed).keyframes]
     [1.0, 1.5, 2.0]
     """
+    if not isinstance(sequence, KeyframeSequence):
+        raise KeyframeError(f"sequence is {short(sequence)}, expected a KeyframeSequence")
     robot = sequence.robot
     if not isinstance(robot, Robot):
         raise KeyframeError(f"robot {robot!r:.80}: expected one with a description of its links")

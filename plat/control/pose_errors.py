@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
+from plat.bounds import check_robot, check_value
 from plat.deploy import RobotState
 from plat.envs.reach import LowestRoot, distances, down
 from plat.envs.settings import ReachLimits
@@ -68,6 +69,8 @@ class PoseComparison:
     """
 
     def __init__(self, robot: Robot, limits: ReachLimits | None = None):
+        check_robot(robot)
+        check_value("PoseComparison: limits", limits, ReachLimits | None)
         self._robot = robot
         self._limits = limits or ReachLimits()
         self._model = robot.model()

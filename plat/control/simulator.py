@@ -44,6 +44,7 @@ class Simulator:
     """
 
     def __init__(self, model: mujoco.MjModel, control_dt: float = Timing.control_dt):
+        check_value("simulator: model", model, mujoco.MjModel)
         check_value("simulator: control_dt", control_dt, Positive)
         self.model = model
         self.control_dt = control_dt

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plat.deploy.description import Body, Foot, RobotDescription
 from plat.deploy.observation import ObservationBuilder, ObservationTerm, observation_terms
 from plat.errors import BundleError
-from plat.json_file import parse_json, short
+from plat.json_file import parse_json, short, version_fault
 from plat.rotations_np import UNIT_TOLERANCE
 from plat.spec.observation import OPTIONAL_GROUPS
 from plat.spec.timing import LONGEST, LONGEST_STEP, SHORTEST_STEP, Timing
@@ -160,7 +160,8 @@ class Bundle:
         """Read the object that :meth:`to_json` wrote as text; see :meth:`from_json`."""
         content = _Object(values, "", where)
         content.expect("format", _FORMAT)
-        content.expect("version", _VERSION)
+        if fault := version_fault(content.content.get("version"), _VERSION):
+            raise content.fault("version", fault)
         content.expect("quaternion_order", "wxyz")
         content.object("action").expect("name", OUTPUT)
         command = content.object("command")

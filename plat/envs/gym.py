@@ -36,6 +36,7 @@ from plat.envs.transforms import FailureWeightedStarts, KeyframeMetrics, horizon
 from plat.envs.transforms.terminations import commanded_parts
 from plat.errors import ActionError, TaskError
 from plat.motions.library import MotionLibrary
+from plat.robots import Robot, get_robot
 from plat.spec.observation import observation_size, optional_groups, student_keys
 from plat.spec.timing import Timing
 
@@ -44,7 +45,7 @@ __all__ = ["G1TimedKeyframeEnv", "G1TimedKeyframeVectorEnv"]
 # An action of this size asks for several times a motor's torque; larger ones make no difference.
 _ACTION_BOUND = 20.0
 _NEAR = ("metrics", "near")
-_VECTOR_ARGUMENTS = ("num_envs", "motions", "horizon", "task", "device", "timing", "also")
+_VECTOR_ARGUMENTS = ("num_envs", "motions", "horizon", "task", "device", "timing", "also", "robot")
 
 
 class _Nearness(Transform):
@@ -88,6 +89,7 @@ class _Task:
         device: str,
         timing: Timing,
         also: Sequence[str],
+        robot: Robot | str,
     ):
         check_value("timing", timing, Timing)
         self._keys = student_keys(also)
@@ -96,7 +98,8 @@ class _Task:
                 "task.partial: the observation does not say which parts are commanded, expected also=('parts',)"
             )
         lengths = horizon_named(horizon, timing)
-        library = MotionLibrary.load(motions, dt=timing.control_dt)
+        driven = robot if isinstance(robot, Robot) else get_robot(robot)
+        library = MotionLibrary.load(motions, driven, dt=timing.control_dt)
         self._generators = _generators(check_device(device))
         self._random_states = [generator.get_state() for generator in self._generators]
         # processes that were forked to run in parallel have the same state of torch's generators
@@ -165,11 +168,11 @@ class _Task:
 
 
 class G1TimedKeyframeEnv(gymnasium.Env):
-    """Gymnasium environment of one G1 that is commanded to reach keyframes on time.
+    """Gymnasium environment of one robot, a G1 by default, that is commanded to reach keyframes on time.
 
-    The observation ``[177]`` holds the robot's state, the keyframe in the robot's frame, and the normalized horizon.
-    Its order is that of :func:`plat.spec.observation.student_keys`. The action ``[29]`` offsets the joint targets
-    from the default pose, in units of the action scale.
+    The observation, ``[177]`` of the G1, holds the robot's state, the keyframe in the robot's frame, and the normalized
+    horizon. Its order is that of :func:`plat.spec.observation.student_keys`. The action ``[J]`` offsets the joint
+    targets from the default pose, in units of the action scale.
 
     An episode terminates when a command fails, and is truncated at the end of the motion. A command fails beyond the
     thresholds of TKS@3, and where the root is 0.5 m beside the motion. That limit is for training, and goes with
@@ -191,8 +194,11 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         device: where tensors live.
         timing: control step, longest command and arrival window.
         also: groups that the observation has as well: ``"parts"``, which ``task.partial`` asks for, and ``"clock"``.
+        robot: that is commanded: itself, its name, or the path of a description (:func:`plat.robots.get_robot`). Sizes
+            of observation and action are then that robot's.
 
     Raises:
+        RobotError: for what is no robot.
         TaskError: for an unknown horizon, and for partial keyframes without ``"parts"`` in ``also``.
         PlatError: for a horizon with commands longer than the timing allows.
         MotionError: for motions that cannot be read.
@@ -209,8 +215,9 @@ class G1TimedKeyframeEnv(gymnasium.Env):
         device: str = "cpu",
         timing: Timing = Timing(),
         also: Sequence[str] = (),
+        robot: Robot | str = "g1",
     ):
-        self._task = _Task(1, motions, horizon, task, device, timing, also)
+        self._task = _Task(1, motions, horizon, task, device, timing, also, robot)
         self.metadata = {**self.metadata, "render_fps": round(1 / timing.control_dt)}
         self.observation_space = self._task.observation_space
         self.action_space = self._task.action_space
@@ -271,7 +278,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
 
     Args:
         num_envs: number of robots.
-        motions, horizon, task, device, timing, also: as for :class:`G1TimedKeyframeEnv`.
+        motions, horizon, task, device, timing, also, robot: as for :class:`G1TimedKeyframeEnv`.
 
     Raises:
         TaskError, PlatError, MotionError: as for :class:`G1TimedKeyframeEnv`, and for another argument.
@@ -293,6 +300,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
         device: str = "cpu",
         timing: Timing = Timing(),
         also: Sequence[str] = (),
+        robot: Robot | str = "g1",
         **others: Any,
     ):
         # gymnasium hands on whatever make_vec() was given
@@ -300,7 +308,7 @@ class G1TimedKeyframeVectorEnv(VectorEnv):
             raise TaskError(
                 f"make_vec: unknown argument {unknown[0]!r}, expected some of {', '.join(_VECTOR_ARGUMENTS)}"
             )
-        self._task = _Task(num_envs, motions, horizon, task, device, timing, also)
+        self._task = _Task(num_envs, motions, horizon, task, device, timing, also, robot)
         self.num_envs = num_envs
         self.single_observation_space = self._task.observation_space
         self.single_action_space = self._task.action_space

@@ -70,7 +70,7 @@ class PhysicsDraw(NamedTuple):
     Attributes:
         physics: friction, center of mass, stiffness, damping and mass ``[n, P]``, each from -1 to 1 within its range.
             At 0 all but friction are the robot's own; it is the middle of its range (0.75 of 0.3 to 1.2, where the
-            G1's soles have 0.8).
+            G1's soles have 0.8), or the robot's own where it has none.
         encoder_bias: constant error of each joint encoder ``[n, J]`` (rad).
         gyro_bias: constant error of the angular velocity ``[n, 3]`` (rad/s).
         velocity_bias: error of the estimated linear velocity ``[n, 3]`` (m/s, root frame).
@@ -115,9 +115,12 @@ class RandomizedPhysics:
         """Set the physics of robots ``[n]``, on the CPU, to random values; return them."""
         ranges, robot, count = self._ranges, self._robot, len(ids)
         joints = robot.num_joints
-        low, high = ranges.foot_friction
         friction = torch.rand(count, 1, dtype=torch.float64)
-        self._physics.set_friction(ids, robot.feet, (low + (high - low) * friction)[:, 0])
+        if ranges.foot_friction is None:
+            friction.fill_(0.5)
+        else:
+            low, high = ranges.foot_friction
+            self._physics.set_friction(ids, robot.feet, (low + (high - low) * friction)[:, 0])
         com = torch.zeros(count, 3, dtype=torch.float64)
         if any(ranges.torso_com):
             com = _uniform(count, 3)

@@ -6,10 +6,12 @@ import numpy as np
 import torch
 from tensordict.nn import TensorDictModuleBase
 
+from plat.bounds import check_value
+from plat.entries import check_policy
 from plat.envs.state import GeneralizedState
 from plat.envs.transforms import NEXT_FRAME, Horizon
 from plat.evaluation.rollout import make_evaluation_env
-from plat.evaluation.scoring import schedule_of_clips
+from plat.evaluation.scoring import chosen_clips, schedule_of_clips
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.motions.library import MotionLibrary
 from plat.rendering.playback import Playback
@@ -44,8 +46,14 @@ def play(
             :class:`plat.evaluation.ReferenceView`.
         timing: of the policy; None for the one that it carries.
         device: of the policy.
+
+    Raises:
+        ConfigError: for a policy that writes no ``action``, and what is no library.
+        MotionError: for a clip that the library does not have.
     """
-    library, schedule = schedule_of_clips(library.to(device), horizon, seed, [clip])
+    check_policy(policy, "play")
+    check_value("play: library", library, MotionLibrary)
+    library, schedule = schedule_of_clips(library.to(device), horizon, seed, chosen_clips(library, [clip], "play"))
     timing = timing or timing_of(policy)
     setting = EvaluationSetting(seed=seed, timing=timing, num_threads=1, device=device)
     task = make_evaluation_env(library, schedule, 1, ReferenceView(dense, goals, observe, interface), setting)

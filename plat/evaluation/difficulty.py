@@ -7,6 +7,7 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
+from plat.bounds import check_value
 from plat.envs.transforms import CommandSchedule, horizon_named
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
@@ -67,7 +68,23 @@ def frame_measures(library: MotionLibrary) -> dict[str, Tensor]:
 
 
 def command_difficulty(library: MotionLibrary, schedule: CommandSchedule) -> Tensor:
-    """Return the difficulty ``[M]`` of each command: the largest measure, in its scale, on the way to its keyframe."""
+    """Return the difficulty ``[M]`` of each command: the largest measure, in its scale, on the way to its keyframe.
+
+    Args:
+        library: the motions.
+        schedule: the M commands along them.
+
+    Raises:
+        ConfigError: for what is no schedule or no library.
+
+    >>> from plat.motions import generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> schedule = CommandSchedule(library, horizon_named("long", Timing()), seed=0)
+    >>> command_difficulty(library, schedule).shape[0] == schedule.num_commands
+    True
+    """
+    check_value("command_difficulty: library", library, MotionLibrary)
+    check_value("command_difficulty: schedule", schedule, CommandSchedule)
     measures = torch.stack([value / SCALES[name] for name, value in frame_measures(library).items()]).amax(0)
     command = schedule.command_of_frame
     scheduled = command >= 0
@@ -78,7 +95,25 @@ def command_difficulty(library: MotionLibrary, schedule: CommandSchedule) -> Ten
 
 
 def command_bins(library: MotionLibrary, horizon: str, timing: Timing, seed: int) -> list[str]:
-    """Return the bin of each command that is given along motions, in the order of their records."""
+    """Return the bin of each command that is given along motions, in the order of their records.
+
+    Args:
+        library: the motions.
+        horizon: name of the commands' lengths.
+        timing: of the policy.
+        seed: draws the commands.
+
+    Raises:
+        TaskError: for a horizon of another name, or one that is too long for the timing.
+        ConfigError: for what is no library, timing or seed.
+
+    >>> from plat.motions import generate_motions
+    >>> library = MotionLibrary.from_clips(generate_motions("val", seconds=8))
+    >>> set(command_bins(library, "long", Timing(), seed=0)) <= {one.name for one in BINS}
+    True
+    """
+    check_value("command_bins: library", library, MotionLibrary)
+    check_value("command_bins: timing", timing, Timing)
     return bin_of(command_difficulty(library, CommandSchedule(library, horizon_named(horizon, timing), seed)))
 
 

@@ -1,11 +1,13 @@
 """Families of motion, from the column of a manifest."""
 
 import csv
-from collections.abc import Collection, Iterable, Sequence
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from plat.errors import RecordsError
-from plat.files import readable, refuse_null
+from plat.files import as_path, readable, refuse_null
 from plat.json_file import short
 from plat.words import counted
 
@@ -28,7 +30,9 @@ def read_manifest(paths: Iterable[Path], column: str = "family") -> dict[str, st
         RecordsError: naming the file that cannot be read, or lacks a column, and the clip that is of two families.
     """
     families: dict[str, str] = {}
-    for path in paths:
+    if not isinstance(column, str):
+        raise RecordsError(f"read_manifest: column is {short(column)}, expected a text")
+    for path in _paths("read_manifest: paths", paths):
         try:
             refuse_null(Path(path))
             with Path(path).open(newline="", encoding="utf-8-sig") as file:  # as spreadsheets write it
@@ -67,6 +71,11 @@ def families_of(clips: Sequence[str], families: dict[str, str], files: Iterable[
     >>> families_of(["a", "second_a", "b"], {"a": "walk"}, [Path("first.npz"), Path("second.npz")])
     ['walk', 'walk', 'other']
     """
+    if isinstance(clips, str) or not isinstance(clips, Iterable) or not all(isinstance(clip, str) for clip in clips):
+        raise RecordsError(f"families_of: clips is {short(clips)}, expected names")
+    if not isinstance(families, Mapping):
+        raise RecordsError(f"families_of: families is {short(families)}, expected families by the names of clips")
+    files = _paths("families_of: files", files)
     prefixes = {f"{readable(name)}_" for path in files for name in (path.stem, path.absolute().parent.name)}
     found = [_family(clip, families, prefixes) for clip in clips]
     if not any(found):
@@ -74,6 +83,12 @@ def families_of(clips: Sequence[str], families: dict[str, str], files: Iterable[
             f"manifest: names none of the {counted(len(clips), 'clip')}, which are called {clips[0]!r} and so on"
         )
     return [family or OTHER for family in found]
+
+
+def _paths(what: str, paths: Any) -> list[Path]:
+    """Return paths as a list; one alone is a list of one."""
+    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths) if isinstance(paths, Iterable) else [paths]
+    return [as_path(path, what, RecordsError) for path in given]
 
 
 def _family(clip: str, families: dict[str, str], prefixes: Collection[str]) -> str | None:

@@ -1,6 +1,6 @@
 """Metrics of command records, with bootstrap confidence intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ from torch import Tensor
 from plat.errors import RecordsError
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.records import COMMANDED, STEP_METRICS, CommandRecords
+from plat.json_file import short
 
 __all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "share", "success_curve"]
 
@@ -73,7 +74,7 @@ def report(
     Raises:
         RecordsError: when the tables are of different commands.
     """
-    return _estimates(_Table(_as_runs(records), penalties or Penalties()), resamples, seed)
+    return _estimates(_Table(_as_runs(records, CommandRecords), penalties or Penalties()), resamples, seed)
 
 
 def report_clips(
@@ -93,7 +94,7 @@ def report_clips(
     Raises:
         RecordsError: when the tables are of different clips, or judged by different rules.
     """
-    return _estimates(_Table(_as_runs(records), Penalties()), resamples, seed)
+    return _estimates(_Table(_as_runs(records, ClipRecords), Penalties()), resamples, seed)
 
 
 def compare(
@@ -144,8 +145,11 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
     Returns:
         x ``[points]`` (m) and fractions ``[points]`` in 0..1. A failed command counts at no x; one that commands no
         body does not count.
+
+    Raises:
+        RecordsError: for what are no records of commands.
     """
-    runs = [records] if isinstance(records, CommandRecords) else records
+    runs = _as_runs(records, CommandRecords)
     error = torch.cat([run.arrival_error[run.commanded["bodies"]] for run in runs])
     thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
     return thresholds, (error <= thresholds[:, None]).double().mean(-1)
@@ -209,12 +213,12 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
         "fall_rate": (100.0 * records.fell, every),
         "success_area": (area * at_arrival, every * at_arrival),
     }
-    for (part, name), short in zip(COMMANDED.items(), ("mpjpe", "mpkpe", "mpkpe_root"), strict=True):
+    for (part, name), metric in zip(COMMANDED.items(), ("mpjpe", "mpkpe", "mpkpe_root"), strict=True):
         error, cap, commanded = records.window[name], getattr(penalties, name), records.commanded[part]
         measured = reached & ~error.isnan()
-        ratios[short] = (error.nan_to_num(0.0) * measured, measured.double())
+        ratios[metric] = (error.nan_to_num(0.0) * measured, measured.double())
         capped = torch.where(records.failed, cap, error.nan_to_num(cap).clamp_max(cap))
-        ratios[f"{short}_all"] = (capped * commanded, every * commanded)
+        ratios[f"{metric}_all"] = (capped * commanded, every * commanded)
     for name in STEP_METRICS:
         ratios[name] = (records.step[name], records.steps)
     assert records.jerk_steps is not None  # counted where it was not given
@@ -225,8 +229,8 @@ def _ratios(records: CommandRecords, penalties: Penalties) -> dict[str, tuple[Te
 def _clip_ratios(records: ClipRecords) -> dict[str, tuple[Tensor, Tensor]]:
     """Return each metric's numerator and denominator ``[C]``."""
     every = torch.ones_like(records.frames)
-    short = ("clip_mpjpe", "clip_mpkpe", "clip_mpkpe_root", "vel_dist", "accel_dist")
-    ratios = {name: (records.errors[error], records.tracked) for name, error in zip(short, CLIP_ERRORS, strict=True)}
+    metrics = ("clip_mpjpe", "clip_mpkpe", "clip_mpkpe_root", "vel_dist", "accel_dist")
+    ratios = {name: (records.errors[error], records.tracked) for name, error in zip(metrics, CLIP_ERRORS, strict=True)}
     return {
         "clip_success": (100.0 * ~records.failed, every),
         "clip_progress": (100.0 * records.tracked, records.frames),
@@ -236,8 +240,14 @@ def _clip_ratios(records: ClipRecords) -> dict[str, tuple[Tensor, Tensor]]:
     }
 
 
-def _as_runs(records: "CommandRecords | ClipRecords | Sequence[CommandRecords] | Sequence[ClipRecords]") -> Any:
-    return [records] if isinstance(records, (CommandRecords, ClipRecords)) else list(records)
+def _as_runs(records: Any, *kinds: type) -> Any:
+    """Return records as a list, one table for each training seed; of some kinds, or of either."""
+    kinds = kinds or (CommandRecords, ClipRecords)
+    runs = [records] if isinstance(records, kinds) else list(records) if isinstance(records, Iterable) else None
+    if runs is None or not all(isinstance(run, kinds) for run in runs):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise RecordsError(f"records are {short(records)}, expected {expected}, or a list of them")
+    return runs
 
 
 def _estimates(table: _Table, resamples: int, seed: int) -> dict[str, Estimate]:

@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from plat.bounds import check_value
 from plat.envs.tracking import MotionTrackingEnv
 from plat.envs.transforms import (
     CommandSchedule,
@@ -88,6 +89,13 @@ def make_evaluation_env(
         setting: conditions.
         clips: numbers of the motions among all, which tell what is drawn for each; None where these are all.
     """
+    for name, given, kind in (
+        ("library", library, MotionLibrary),
+        ("schedule", schedule, CommandSchedule),
+        ("view", view, ReferenceView | None),
+        ("setting", setting, EvaluationSetting | None),
+    ):
+        check_value(f"make_evaluation_env: {name}", given, kind)
     view, setting = view or ReferenceView(), setting or EvaluationSetting()
     timing = setting.timing or Timing(control_dt=library.dt)
     env = simulated_robots(library, num_envs, setting)

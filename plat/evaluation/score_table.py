@@ -56,7 +56,7 @@ class Metric:
 
     @property
     def heading(self) -> str:
-        """Title and unit."""
+        """Return the title and unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def text(self, value: "float | Estimate", sign: str = "") -> str:

@@ -4,25 +4,28 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from heapq import heapreplace
+from operator import index
 from typing import Any
 
 import torch
 from tensordict.nn import TensorDictModuleBase
 
+from plat.bounds import check_value
 from plat.entries import check_policy
 from plat.envs.parts import draw_parts
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.envs.transforms.command import check_timing
-from plat.errors import TaskError
+from plat.errors import MotionError, TaskError
 from plat.evaluation.records import CommandRecorder, CommandRecords
 from plat.evaluation.rollout import make_evaluation_env
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
+from plat.json_file import short
 from plat.motions.library import MotionLibrary
 from plat.spec.observation import optional_groups
 from plat.spec.parts import WHOLE_ONLY
 from plat.spec.timing import Timing, timing_of
 
-__all__ = ["evaluate", "robots_for", "schedule_of_clips"]
+__all__ = ["chosen_clips", "evaluate", "robots_for", "schedule_of_clips"]
 
 # A control step costs as much CPU time as it does for this many more robots: 9 ms against 0.145 ms a robot.
 _STEP_WITHOUT_ROBOTS = 62
@@ -61,7 +64,7 @@ def evaluate(
 
     Raises:
         ConfigError: for a policy that writes no ``action``.
-        MotionError: when a motion is shorter than the horizon's shortest command.
+        MotionError: when a motion is shorter than the horizon's shortest command, and for ``clips`` that are none.
         ActionError: when the policy gives an action that is not finite.
         PlatError: when motions or horizon do not fit the policy's timing.
         TaskError: for partial keyframes, when the policy does not see what is commanded.
@@ -76,12 +79,14 @@ def evaluate(
     True
     """
     check_policy(policy, "evaluate")
+    check_value("evaluate: library", library, MotionLibrary)
+    check_value("evaluate: setting", setting, EvaluationSetting | None)
     setting = replace(setting or EvaluationSetting(), **conditions)
     timing = setting.timing or timing_of(policy) or Timing(control_dt=library.dt)
     setting = replace(setting, timing=timing)
     check_timing(library, horizon, timing)
     library = library.to(setting.device)
-    chosen = range(library.num_clips) if clips is None else clips
+    chosen = chosen_clips(library, clips, "evaluate")
     library, schedule = schedule_of_clips(library, horizon, setting.seed, chosen)
     if setting.partial is not None:
         schedule = _partial(policy, library, schedule, setting.partial, setting.seed, chosen)
@@ -103,6 +108,31 @@ def evaluate(
     records = recorder.records()
     records.clip = torch.tensor(list(chosen))[records.clip]
     return records
+
+
+def chosen_clips(library: MotionLibrary, clips: Sequence[int] | None, what: str) -> list[int]:
+    """Return the numbers of the motions that are followed; all of a library for None.
+
+    Args:
+        library: all motions.
+        clips: as they were given.
+        what: is given them; begins the message.
+
+    Raises:
+        MotionError: for no clips, and what is none of the library's.
+
+    >>> from plat.motions import generate_motions
+    >>> chosen_clips(MotionLibrary.from_clips(generate_motions("val", seconds=8)), [1], "evaluate")
+    [1]
+    """
+    try:
+        chosen = list(range(library.num_clips)) if clips is None else [index(clip) for clip in clips]
+    except TypeError:
+        chosen = []
+    if not chosen or min(chosen) < 0 or max(chosen) >= library.num_clips:
+        most = library.num_clips - 1
+        raise MotionError(f"{what}: clips is {short(clips)}, expected numbers of motions from 0 to {most}")
+    return chosen
 
 
 def robots_for(steps: Iterable[int], most: int) -> int:

@@ -11,6 +11,7 @@ from torch import Tensor
 from plat.envs.transforms.terminations import TerminationLimits, fallen
 from plat.errors import RecordsError
 from plat.evaluation.names import RuleName
+from plat.json_file import short
 from plat.robots.robot import Robot
 from plat.rotations import quat_angle
 
@@ -73,6 +74,6 @@ def rule_named(name: str) -> SuccessRule:
     >>> rule_named("supermimic").name
     'supermimic'
     """
-    if name not in RULES:
-        raise RecordsError(f"success rule {name!r}: expected one of {', '.join(get_args(RuleName))}")
+    if not isinstance(name, str) or name not in RULES:
+        raise RecordsError(f"success rule {short(name)}: expected one of {', '.join(get_args(RuleName))}")
     return RULES[name]

@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Compose, TransformedEnv
 
+from plat.bounds import check_value
 from plat.entries import check_policy
 from plat.envs.transforms import (
     NEXT_FRAME,
@@ -28,7 +29,7 @@ from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.disturbance import disturbing, observing_noise
 from plat.evaluation.finite import check_actions
 from plat.evaluation.rollout import policy_steps, simulated_robots
-from plat.evaluation.scoring import schedule_of_clips
+from plat.evaluation.scoring import chosen_clips, schedule_of_clips
 from plat.evaluation.setting import EvaluationSetting, Interface, Observe, ReferenceView
 from plat.evaluation.success_rules import rule_named
 from plat.motions.library import MotionLibrary
@@ -84,6 +85,8 @@ def evaluate_clips(
     ('humantracker', True)
     """
     judge = rule_named(rule)
+    check_value("evaluate_clips: library", library, MotionLibrary)
+    check_value("evaluate_clips: setting", setting, EvaluationSetting | None)
     setting = replace(setting or EvaluationSetting(), **conditions)
     if setting.partial is not None:
         raise ConfigError(f"partial is {setting.partial!r}: a whole clip is judged by whole poses, expected None")
@@ -94,7 +97,7 @@ def evaluate_clips(
     check_timing(library, horizon, timing)
     library = library.to(setting.device)
     view = ReferenceView(dense, goals, observe, interface)
-    chosen = list(range(library.num_clips)) if clips is None else list(clips)
+    chosen = chosen_clips(library, clips, "evaluate_clips")
     # longest first: robots of a batch then end at about the same time
     chosen.sort(key=lambda clip: (-int(library.clip_length[clip]), clip))
     total = sum(int(library.clip_length[clip]) - 1 for clip in chosen)

@@ -59,9 +59,10 @@ _KNOWN = {
     "Residual action": Look("#009E73", "h"),
     "PLAT": Look("#D55E00", "o", width=2.0),
     "Imagined": Look("#7B3294", "s", width=2.0),
+    "Imagined latent": Look("#C2A5CF", "p", width=2.0),
 }
 # of weights that come with plat: the row that they are
-_SHIPPED = {"expert": "Scratch RL", "plain": "w/o privileged latent"}
+_SHIPPED = {"expert": "Scratch RL", "plain": "w/o privileged latent", "imagined-latent": "Imagined latent"}
 _COLORS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C510A")
 _MARKERS = "osD^vp*"
 # for others: a color each, then the same colors again with other markers and dashes

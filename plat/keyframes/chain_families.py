@@ -6,7 +6,7 @@ from typing import Literal
 
 from plat.spec.proportions import in_proportion
 
-__all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "INSIDE", "MIDDLE", "TRIES", "ChainFamily"]
+__all__ = ["AHEAD", "CHAIN_LENGTH", "FAMILY_TABLE", "INSIDE", "MIDDLE", "RESTING", "TRIES", "ChainFamily"]
 
 CHAIN_LENGTH = 5
 """Keyframes of a chain."""
@@ -22,6 +22,11 @@ INSIDE = 0.02
 
 TRIES = 64
 """Poses that are drawn at a time for one with the hands ahead."""
+
+
+RESTING = (0.6, 0.1, 0.55)
+"""What counts as at rest in a motion, in training and in evaluation: no joint faster than this (rad/s), nor the root
+(m/s), and the root higher (m), of a robot whose root stands at 0.76 m."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from plat.bounds import check_robot
 from plat.errors import KeyframeError
 from plat.files import replace_file
-from plat.json_file import read_json, short
+from plat.json_file import read_json, short, version_fault
 from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe, check_time
 from plat.spec.parts import Parts, joint_called
 
@@ -30,7 +30,7 @@ __all__ = [
 
 _FORMAT = "plat-keyframes"
 # version 2 adds the field "commands" of partial keyframes; files without one are written as version 1
-_VERSIONS = (1, 2)
+_VERSION = 2
 _POSE_FIELDS = ("root_pos", "root_quat", "joint_pos")
 # positions of w, x, y, z in a quaternion of each order
 _QUATERNION_ORDERS = {"wxyz": [0, 1, 2, 3], "xyzw": [3, 0, 1, 2]}
@@ -130,6 +130,7 @@ def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:
     Raises:
         KeyframeError: naming the field.
     """
+    check_robot(robot)
     return _keyframe(entry, "keyframe", ("time", *_POSE_FIELDS), "wxyz", robot, version=2)
 
 
@@ -141,8 +142,8 @@ def _parse(content: Any, robot: RobotJoints) -> tuple[Keyframe | None, tuple[Key
         instead = "; plat keyframes convert makes keyframes of constraints" if constraints else ""
         raise KeyframeError(f"not a keyframe file, expected an object with 'format': {_FORMAT!r}{instead}")
     version = content.get("version")
-    if isinstance(version, bool) or version not in _VERSIONS:
-        raise KeyframeError(f"version is {short(version)}, expected 1 or 2")
+    if fault := version_fault(version, _VERSION):
+        raise KeyframeError(f"version {fault}")
     required = ("format", "version", "robot", "quaternion_order", "keyframes")
     _check_fields(content, required, ("start",))
     if content["robot"] != robot.name:

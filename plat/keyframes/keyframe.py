@@ -3,7 +3,7 @@
 from __future__ import annotations  # the types of motions and robots bring torch with them
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -25,6 +25,7 @@ __all__ = [
     "Keyframe",
     "RobotJoints",
     "check_keyframe",
+    "check_keyframes",
     "check_time",
     "check_whole",
     "interpolate",
@@ -188,6 +189,23 @@ def check_keyframe(what: str, given: object) -> None:
     """
     if not isinstance(given, Keyframe):
         raise KeyframeError(f"{what} is {short(given)}, expected a Keyframe")
+
+
+def check_keyframes(what: str, given: object) -> tuple[Keyframe, ...]:
+    """Return keyframes as a tuple.
+
+    Raises:
+        KeyframeError: beginning with ``what``, for what is no sequence of them.
+    """
+    if isinstance(given, Keyframe):
+        raise KeyframeError(f"{what} is a single one, expected a tuple of them")
+    if not isinstance(given, Iterable):
+        raise KeyframeError(f"{what} is {short(given)}, expected a tuple of keyframes")
+    keyframes = tuple(given)
+    for keyframe in keyframes:
+        if not isinstance(keyframe, Keyframe):
+            raise KeyframeError(f"{what} hold {short(keyframe)}, expected each to be a Keyframe")
+    return keyframes
 
 
 def check_time(time: float, what: str = "time", longest: float = _LONGEST) -> None:

@@ -15,7 +15,15 @@ from plat.errors import KeyframeError
 from plat.files import as_path
 from plat.json_file import short
 from plat.keyframes.files import read_keyframes, write_keyframes
-from plat.keyframes.keyframe import Keyframe, RobotJoints, check_time, interpolate, standing
+from plat.keyframes.keyframe import (
+    Keyframe,
+    RobotJoints,
+    check_keyframe,
+    check_keyframes,
+    check_time,
+    interpolate,
+    standing,
+)
 from plat.keyframes.roots import as_arrived, with_commanded_root
 from plat.keyframes.splits import LongInterval, long_intervals, unit_doubt
 from plat.spec.timing import Timing
@@ -78,11 +86,8 @@ class KeyframeSequence:
 
     def __post_init__(self) -> None:
         check_value("timing", self.timing, Timing)
-        if isinstance(self.keyframes, Keyframe):
-            raise KeyframeError("keyframes is a single one, expected a tuple of them")
-        keyframes = tuple(self.keyframes or ())
-        if wrong := [each for each in (self.start, *keyframes) if not isinstance(each, Keyframe)]:
-            raise KeyframeError(f"start and keyframes hold {short(wrong[0])}, expected each to be a Keyframe")
+        check_keyframe("start", self.start)
+        keyframes = check_keyframes("keyframes", self.keyframes or ())
         if not keyframes:
             raise KeyframeError("keyframes: none, expected at least one")
         checked = [_checked(self.start, "start", self.robot)]
@@ -305,6 +310,8 @@ def split_long_intervals(
     [1.0, 1.82, 2.66, 3.5]
     """
     check_value("timing", timing, Timing)
+    check_keyframe("start", start)
+    keyframes = check_keyframes("keyframes", keyframes)
     result: list[Keyframe] = []
     check_time(start.time, "start: time")
     before = start

@@ -8,8 +8,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from plat.bounds import check_value, is_finite
+from plat.errors import KeyframeError
+from plat.files import as_path
 from plat.keyframes.files import read_keyframes
-from plat.keyframes.keyframe import Keyframe, RobotJoints, standing
+from plat.keyframes.keyframe import Keyframe, RobotJoints, check_keyframe, check_keyframes, standing
 from plat.spec.timing import Timing
 
 __all__ = ["LongInterval", "long_intervals", "long_intervals_of_file", "unit_doubt"]
@@ -52,6 +54,9 @@ class LongInterval:
 def long_intervals(start: Keyframe, keyframes: Sequence[Keyframe], timing: Timing) -> tuple[LongInterval, ...]:
     """Return the intervals that :func:`plat.keyframes.split_long_intervals` would split.
 
+    Raises:
+        KeyframeError: for what are no keyframes.
+
     >>> from plat.keyframes import standing
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -60,6 +65,8 @@ def long_intervals(start: Keyframe, keyframes: Sequence[Keyframe], timing: Timin
     (1, 2.5, 3)
     """
     check_value("timing", timing, Timing)
+    check_keyframe("start", start)
+    keyframes = check_keyframes("keyframes", keyframes)
     found: list[LongInterval] = []
     for index, (before, after) in enumerate(pairwise((start, *keyframes))):
         steps = timing.steps(after.time) - timing.steps(before.time)
@@ -92,5 +99,5 @@ def long_intervals_of_file(path: Path, robot: RobotJoints, timing: Timing) -> tu
     Raises:
         KeyframeError: as :meth:`plat.keyframes.KeyframeSequence.load` does.
     """
-    start, keyframes = read_keyframes(path, robot)
+    start, keyframes = read_keyframes(as_path(path, "keyframe file", KeyframeError), robot)
     return long_intervals(start or standing(robot), keyframes, timing)

@@ -78,7 +78,7 @@ class DynamicsModel(nn.Module):
         self.register_buffer("batches", torch.zeros((), dtype=torch.int64))
 
     def forward(self, state: GeneralizedState, target: Tensor, parameters: Tensor | None = None) -> GeneralizedState:
-        """State after a control step.
+        """Return the state after a control step.
 
         Args:
             state: now, ``[*B]``.

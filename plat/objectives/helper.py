@@ -41,7 +41,7 @@ class Helper:
 
     @property
     def exit_code(self) -> int | None:
-        """What the process ended with."""
+        """Return what the process ended with."""
         return self._process.exitcode
 
     def ask(self, order: bytes) -> Any:

@@ -105,7 +105,7 @@ class _Chained(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, turning: Tensor | None, pull: Tensor | None) -> tuple[Tensor | None, None]:
-        """Gradients by rotations ``[3, 3, L, N]`` and positions ``[3, L, N]``."""
+        """Return the gradients by rotations ``[3, 3, L, N]`` and positions ``[3, L, N]``."""
         frames: BodyFrames = ctx.frames
         if turning is None and pull is None:
             return None, None

@@ -13,8 +13,7 @@ from plat.gpu import check_device
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.robots.robot import Robot
 from plat.runs.allocations import LimitedAllocations
-from plat.runs.json_object import read_json
-from plat.runs.locate import CONFIG_FILE, run_folder
+from plat.runs.locate import CONFIG_FILE, read_config, run_folder
 from plat.runs.saved_run import save_weights
 from plat.runs.trained_for import check_trained_for
 from plat.spec.timing import Timing
@@ -49,10 +48,10 @@ def load_dynamics(
     """
     device = check_device(device)
     folder = run_folder(folder)
-    path, dt = folder / DYNAMICS_FILE, _control_dt(folder / CONFIG_FILE)
+    path, dt = folder / DYNAMICS_FILE, _control_dt(folder)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected a run of imagination (`plat imagine`)")
-    check_trained_for(read_json(folder / CONFIG_FILE).get("policy"), robot, folder / CONFIG_FILE)
+    check_trained_for(read_config(folder).get("policy"), robot, folder / CONFIG_FILE)
     try:
         weights = load_file(path)
         if broken := [name for name, tensor in weights.items() if not torch.isfinite(tensor).all()]:
@@ -79,13 +78,13 @@ def _hidden(weights: dict[str, Tensor]) -> tuple[int, ...]:
     return tuple(len(weights[f"network.{2 * layer}.weight"]) for layer in range(layers - 1))
 
 
-def _control_dt(path: Path) -> float:
+def _control_dt(folder: Path) -> float:
     """Return the control step (s) of the policy that a run's ``config.json`` describes.
 
     Raises:
         CheckpointError: naming file and field, when there is no such control step.
     """
-    policy: Any = read_json(path).get("policy")
+    policy: Any = read_config(folder).get("policy")
     timing: Any = {}
     while isinstance(policy, dict) and not timing:  # what is built on a student has the student's
         config, policy = policy.get("config"), policy.get("student")
@@ -93,4 +92,4 @@ def _control_dt(path: Path) -> float:
     try:
         return Timing(**timing).control_dt
     except (ArithmeticError, ConfigError, TypeError) as error:
-        raise CheckpointError(f"{str(path)!r}: policy: {error}") from None
+        raise CheckpointError(f"{str(folder / CONFIG_FILE)!r}: policy: {error}") from None

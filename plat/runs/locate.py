@@ -2,15 +2,19 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 from plat.errors import CheckpointError
 from plat.files import as_path
+from plat.json_file import short, version_fault
 from plat.runs.hub import download_run, hub_name
 from plat.runs.json_object import read_json
 
-__all__ = ["CONFIG_FILE", "is_run", "run_folder", "shipped_runs"]
+__all__ = ["CONFIG_FILE", "FORMAT", "VERSION", "is_run", "read_config", "run_folder", "shipped_runs"]
 
 CONFIG_FILE = "config.json"
+FORMAT, VERSION = "plat-run", 1
+"""Entries ``format`` and ``version`` of that file."""
 _WEIGHTS = Path(__file__).parents[1] / "weights"
 
 
@@ -31,6 +35,21 @@ def is_run(folder: Path) -> bool:
     False
     """
     return os.path.exists(folder / CONFIG_FILE)
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Return the ``config.json`` of a run directory; one that does not say its format or version is of the first.
+
+    Raises:
+        CheckpointError: naming the file, when it is missing, broken, or of a format or version that is not read.
+    """
+    path = folder / CONFIG_FILE
+    config = read_json(path)
+    if config.get("format", FORMAT) != FORMAT:
+        raise CheckpointError(f"{str(path)!r}: format is {short(config['format'])}, expected {FORMAT!r}")
+    if fault := version_fault(config.get("version", VERSION), VERSION):
+        raise CheckpointError(f"{str(path)!r}: version {fault}")
+    return config
 
 
 def run_folder(run: str | Path) -> Path:

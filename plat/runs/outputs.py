@@ -5,8 +5,7 @@ from pathlib import Path
 
 from plat.errors import CheckpointError
 from plat.files import readable
-from plat.runs.json_object import read_json
-from plat.runs.locate import CONFIG_FILE
+from plat.runs.locate import CONFIG_FILE, FORMAT, read_config
 
 __all__ = ["CHECKPOINTS", "INPUTS_FILE", "WEIGHTS_FILE", "check_out", "is_kept"]
 
@@ -39,7 +38,7 @@ def check_out(folder: Path, *, resume: bool) -> None:
     if resume:
         if not os.path.exists(config):
             raise CheckpointError(f"{str(folder)!r} holds no run to go on with: leave out --resume to start one")
-        if read_json(config).get("format") != "plat-run":
+        if read_config(folder).get("format") != FORMAT:
             raise CheckpointError(f"{str(config)!r} is of no run of plat: choose another --out")
     elif os.path.exists(config) and not _is_abandoned(folder):
         raise CheckpointError(f"{str(folder)!r} already holds a run: go on with --resume or choose another --out")
@@ -48,12 +47,12 @@ def check_out(folder: Path, *, resume: bool) -> None:
 def _is_abandoned(folder: Path) -> bool:
     """Return whether a directory holds a run without weights and checkpoints."""
     try:
-        config = read_json(folder / CONFIG_FILE)
+        config = read_config(folder)
     except CheckpointError:
         return False
     # a mean has the progress of its last run, and is written without weights first
     begun = "finished" not in config or "average" in config
-    return config.get("format") == "plat-run" and begun and not is_kept(folder)
+    return config.get("format") == FORMAT and begun and not is_kept(folder)
 
 
 def is_kept(folder: Path) -> bool:

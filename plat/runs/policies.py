@@ -1,6 +1,7 @@
 """Registry of the policies that runs save: a kind is a class and the class of its config."""
 
 import dataclasses
+import json
 from enum import Enum
 from pathlib import Path
 from types import FunctionType, NoneType
@@ -34,6 +35,7 @@ from plat.runs.allocations import LimitedAllocations
 from plat.runs.inputs import same_robot
 from plat.runs.trained_for import TRAINED_FOR, check_trained_for, trained_for
 from plat.spec.timing import timing_of
+from plat.words import perhaps
 
 __all__ = [
     "Policy",
@@ -165,6 +167,11 @@ def build_policy(spec: Any, path: Path) -> Policy:
     """
     if not isinstance(spec, dict) or not {"kind", "robot", "config"} <= set(spec):
         raise CheckpointError(f"{str(path)!r}: 'policy' is not an object with 'kind', 'robot' and 'config'")
+    known = ("kind", "robot", "config", "student", TRAINED_FOR)
+    try:
+        _check_known(spec, dict.fromkeys(known), "policy")
+    except CheckpointError as error:
+        raise CheckpointError(f"{str(path)!r}: {error}") from None
     try:
         robot = get_robot(spec["robot"])
     except RobotError as error:
@@ -268,15 +275,45 @@ def _name_of(found: type) -> str:
 
 
 def _config(config_class: Any, values: Any, path: Path) -> Any:
-    known = {field.name for field in dataclasses.fields(config_class)}
-    unknown = set(values) - known if isinstance(values, dict) else set()
-    if unknown:
-        raise CheckpointError(f"{str(path)!r}: unknown fields {short(sorted(unknown))} of {config_class.__name__}")
+    adapter, name = TypeAdapter(config_class), config_class.__name__
+    known = dict.fromkeys(field.name for field in dataclasses.fields(config_class))
     try:
-        return TypeAdapter(config_class).validate_python(values)
+        _check_known(values, known, name)  # first: what is misspelled may be what is missing
+        # as JSON, where a list is a tuple; strict, or a text that looks like a number would be one
+        config = adapter.validate_json(json.dumps(values), strict=True)
+        _check_known(values, adapter.dump_python(config, mode="json"), name)
+    except CheckpointError as error:
+        raise CheckpointError(f"{str(path)!r}: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
-        told = first["msg"].removeprefix("Value error, ")
-        if first["loc"]:
-            told = f"{config_class.__name__}.{'.'.join(map(str, first['loc']))}: {told}"
+        told, where = first["msg"], ".".join(map(str, (name, *first["loc"])))
+        if told.startswith("Input should be "):
+            told = f"{where} is {short(first['input'])}, expected {told.removeprefix('Input should be ')}"
+        elif first["loc"]:
+            told = f"{where}: {told.removeprefix('Value error, ')}"
+        else:
+            told = told.removeprefix("Value error, ")
         raise CheckpointError(f"{str(path)!r}: {told}") from error
+    return config
+
+
+def _check_known(values: Any, known: Any, where: str) -> None:
+    """Raise an error that names the first field, at any depth, that a config does not have.
+
+    Args:
+        values: what a file holds.
+        known: the config as it would be written, or a mapping with its fields alone.
+        where: name of the config; begins the message.
+
+    Raises:
+        CheckpointError: with the nearest name that there is.
+    """
+    if isinstance(values, list) and isinstance(known, list):
+        for index, pair in enumerate(zip(values, known, strict=False)):
+            _check_known(*pair, f"{where}.{index}")
+    if isinstance(values, dict) and isinstance(known, dict):
+        for name, value in values.items():
+            if name not in known:
+                near = perhaps(name, known) or f", expected {', '.join(known) or 'none'}"
+                raise CheckpointError(f"{where}: unknown field {short(name)}{near}")
+            _check_known(value, known[name], f"{where}.{name}")

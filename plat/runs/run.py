@@ -34,6 +34,7 @@ from plat.runs.changes import compared, name_of, settings_of
 from plat.runs.checkpoints import Checkpoints, UnfitCheckpointError
 from plat.runs.interrupts import StopSignal
 from plat.runs.json_object import entry, plain, read_json, write_json
+from plat.runs.locate import FORMAT, VERSION, read_config
 from plat.runs.lock import LOCK_FILE, RunLock
 from plat.runs.loggers import ID_FILE, LoggerName, check_logger, keep_id, log_video, logging_id, start_logging
 from plat.runs.metrics import MetricsFile
@@ -135,8 +136,8 @@ class Run:
         )
         config = plain(
             {
-                "format": "plat-run",
-                "version": 1,
+                "format": FORMAT,
+                "version": VERSION,
                 "policy": policy_spec(policy),
                 "recipe": {"name": name_of(recipe), "settings": settings_of(recipe)},
                 "made_with": {"plat": __version__, "torch": torch.__version__, "commit": _commit()},
@@ -211,7 +212,7 @@ class Run:
 
     def _restore(self, config: dict[str, Any], inputs: Mapping[str, Any]) -> None:
         path = self.folder / CONFIG_FILE
-        before = read_json(path)
+        before = read_config(self.folder)
         if not self._checkpoints.all() and not (self.folder / WEIGHTS_FILE).exists():
             print(f"{str(self.folder)!r}: the run has no checkpoint yet, it starts over", flush=True)
             self._begin(config, inputs)

@@ -16,8 +16,7 @@ from plat.files import readable, replace_file
 from plat.gpu import check_device
 from plat.json_file import short
 from plat.runs.hub import repository_name
-from plat.runs.json_object import read_json
-from plat.runs.locate import CONFIG_FILE, is_run, run_folder
+from plat.runs.locate import CONFIG_FILE, is_run, read_config, run_folder
 from plat.runs.outputs import WEIGHTS_FILE
 from plat.runs.policies import Policy, build_policy
 
@@ -47,8 +46,8 @@ class SavedRun:
         folder: the directory, or a name of weights that come with plat, such as ``"plat-g1"``.
 
     Raises:
-        CheckpointError: at construction when ``config.json`` cannot be read, and later, naming file and field, when
-            what is asked for is missing or broken.
+        CheckpointError: at construction when ``config.json`` cannot be read or is of a newer version, and later, naming
+            file and field, when what is asked for is missing or broken.
 
     >>> run = SavedRun("plat-g1")
     >>> run.name, run.kind, run.steps
@@ -57,7 +56,7 @@ class SavedRun:
 
     def __init__(self, folder: str | Path):
         self.folder = run_folder(folder)
-        self.config = read_json(self.folder / CONFIG_FILE)
+        self.config = read_config(self.folder)
 
     @property
     def name(self) -> str:

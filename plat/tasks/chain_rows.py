@@ -58,11 +58,11 @@ class ChainRows(nn.Module):
             self.register_buffer(name, value, persistent=False)
 
     def chain(self, goal: Tensor) -> Tensor:
-        """Number ``[N]`` of the chain that rows ``[N]`` are of; 0 for frames of a motion."""
+        """Return the number ``[N]`` of the chain that rows ``[N]`` are of; 0 for frames of a motion."""
         return self._chain[self._row(goal)]
 
     def following(self, goal: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows ``[N]`` that are commanded after rows ``[N]``, and in how many control steps."""
+        """Return rows ``[N]`` that are commanded after rows ``[N]``, and in how many control steps."""
         row = self._next_row[self._row(goal)]
         return row, self._steps[self._row(row)]
 

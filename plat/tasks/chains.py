@@ -11,7 +11,7 @@ from torch import Tensor
 
 from plat.bounds import Count, Seed, as_names, check_value
 from plat.errors import TaskError
-from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, TRIES, ChainFamily
+from plat.keyframes.chain_families import AHEAD, FAMILY_TABLE, INSIDE, MIDDLE, RESTING, TRIES, ChainFamily
 from plat.keyframes.chain_needs import lacking
 from plat.keyframes.partial import hands_of
 from plat.motions.checks.collision import self_penetration
@@ -19,6 +19,7 @@ from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_from_rotvec, quat_multiply, quat_to_rotvec, quat_yaw
+from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 from plat.tasks.settings import CHAIN_FAMILIES
 from plat.tasks.ways_around import WaysAround
@@ -209,14 +210,16 @@ def _with_ways(qpos: Tensor, ways: WaysAround) -> tuple[Tensor, list[Tensor | No
 
 def _resting_poses(library: MotionLibrary) -> Tensor:
     """Poses ``[R, 7 + J]`` of a library in which the robot stands about still, at the origin, looking along x."""
+    joint_speed, root_speed, height = RESTING
+    least = in_proportion(height, library.robot.root_height)
     found = []
     # of a large library a part of the frames is looked at, evenly, and a part at a time
     for rows in torch.arange(0, len(library), 1 + len(library) // _LOOKED_AT, device=library.device).split(_CHUNK):
         frames = library.states(rows)
         still = (
-            (frames["joint_vel"].abs().amax(-1) < 0.6)
-            & (frames["keypoint_lin_vel"][:, 0].norm(dim=-1) < 0.1)
-            & (frames["keypoint_pos"][:, 0, 2] > 0.72 * library.robot.root_height)
+            (frames["joint_vel"].abs().amax(-1) < joint_speed)
+            & (frames["keypoint_lin_vel"][:, 0].norm(dim=-1) < root_speed)
+            & (frames["keypoint_pos"][:, 0, 2] > least)
         )
         found.append(rows[still])
     qpos = library.qpos(torch.cat(found))

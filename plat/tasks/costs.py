@@ -10,7 +10,7 @@ __all__ = ["AuthoredCosts", "TrackingCosts", "pose_cost", "tilt", "tracking_cost
 
 
 def pose_cost(state: GeneralizedState, pose: GeneralizedState, weights: TrackingCosts) -> Tensor:
-    """Distance ``[*B]`` from a pose: position, orientation and joint angles."""
+    """Return the distance ``[*B]`` from a pose: position, orientation and joint angles."""
     return (
         weights.root_pos * smooth_length(state.root_pos_w - pose.root_pos_w)
         + weights.root_rot * smooth_angle(state.root_quat_w, pose.root_quat_w)
@@ -19,7 +19,7 @@ def pose_cost(state: GeneralizedState, pose: GeneralizedState, weights: Tracking
 
 
 def tracking_cost(state: GeneralizedState, reference: GeneralizedState, weights: TrackingCosts) -> Tensor:
-    """Distance ``[*B]`` from a reference: its pose and its velocities."""
+    """Return the distance ``[*B]`` from a reference: its pose and its velocities."""
     return (
         pose_cost(state, reference, weights)
         + weights.root_lin_vel * smooth_length(state.root_lin_vel_w - reference.root_lin_vel_w)
@@ -29,7 +29,7 @@ def tracking_cost(state: GeneralizedState, reference: GeneralizedState, weights:
 
 
 def tilt(quat: Tensor) -> Tensor:
-    """Vertical component ``[*B]`` of gravity in a body's frame: -1 when it is upright.
+    """Return the vertical component ``[*B]`` of gravity in a body's frame: -1 when it is upright.
 
     >>> import torch
     >>> tilt(torch.tensor([1.0, 0, 0, 0])).item()

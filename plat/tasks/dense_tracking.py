@@ -94,11 +94,11 @@ class DenseTracking(Task):
         self.register_buffer("_ahead", torch.tensor(list(goals.values()), device=library.device), persistent=False)
 
     def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
-        """Reference states with noise, at frames that :class:`ClipStarts` draws."""
+        """Return reference states with noise, at frames that :class:`ClipStarts` draws."""
         return self.at(self.starts.draw(count))
 
     def at(self, frame: Tensor) -> tuple[GeneralizedState, TensorDict]:
-        """Starts at frames ``[n]``."""
+        """Return starts at frames ``[n]``."""
         state = self.table.state(frame)
         if self.reset_noise is not None:
             state = disturbed(state, self.reset_noise, self.robot)
@@ -106,7 +106,7 @@ class DenseTracking(Task):
         return state, TensorDict({"last_action": action, "frame": frame}, [len(frame)], device=frame.device)
 
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Groups ``"robot"`` and ``goals``; past a clip's end its last frame is shown."""
+        """Return the groups ``"robot"`` and ``goals``; past a clip's end its last frame is shown."""
         frame = memory["frame"]
         rows = (frame[:, None] + self._ahead).minimum(self.starts.last_of(frame)[:, None])
         goal = robot_centric_goal(self.table.pose(rows), state.root_pos_w, state.root_quat_w)
@@ -117,13 +117,13 @@ class DenseTracking(Task):
         return TensorDict(entries, frame.shape, device=frame.device)
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
-        """One frame on, to the clip's last at most."""
+        """Go one frame on, to the clip's last at most."""
         frame = memory["frame"]
         out = memory.copy().set("last_action", action)
         return out.set("frame", (frame + 1).minimum(self.starts.last_of(frame)))
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Distance ``[N]`` from the reference."""
+        """Return the distance ``[N]`` from the reference."""
         weights, frame = self.costs, memory["frame"]
         reference = self.table.state(frame)
         cost = tracking_cost(state, reference, weights)
@@ -135,15 +135,15 @@ class DenseTracking(Task):
         return cost
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: 0.25 m too high or low, 0.6 m off, or tilted otherwise than the reference."""
+        """Return the mask ``[N]``: 0.25 m too high or low, 0.6 m off, or tilted otherwise than the reference."""
         return off_reference(state, self.table.state(memory["frame"]), height=0.25, distance=0.6)
 
     def finished(self, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: at the clip's last frame."""
+        """Return the mask ``[N]``: at the clip's last frame."""
         return memory["frame"] >= self.starts.last_of(memory["frame"])
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: farther than 0.8 m or 1.2 rad from the reference."""
+        """Return the mask ``[N]``: farther than 0.8 m or 1.2 rad from the reference."""
         reference = self.table.state(memory["frame"])
         distance = (state.root_pos_w - reference.root_pos_w).norm(dim=-1)
         return (distance > 0.8) | (quat_angle(state.root_quat_w, reference.root_quat_w) > 1.2)
@@ -161,7 +161,7 @@ def off_reference(
     distance: float | Tensor,
     tilted: float = 0.8,
 ) -> Tensor:
-    """Mask ``[*B]``: the root is too far off in height (m), distance (m) or the vertical component of gravity."""
+    """Return the mask ``[*B]`` of roots too far off in height (m), distance (m) or vertical component of gravity."""
     off = state.root_pos_w - reference.root_pos_w
     return (
         (off[..., 2].abs() > height)

@@ -10,7 +10,7 @@ _SOFT = 1e-4
 
 
 def smooth_length(vec: Tensor) -> Tensor:
-    """Length ``[*B]`` of vectors ``[*B, D]``, rounded at 0: ``sqrt(|v|^2 + 0.01^2)``.
+    """Return the length ``[*B]`` of vectors ``[*B, D]``, rounded at 0: ``sqrt(|v|^2 + 0.01^2)``.
 
     >>> round(smooth_length(torch.tensor([3.0, 4.0])).item(), 3)
     5.0
@@ -19,7 +19,7 @@ def smooth_length(vec: Tensor) -> Tensor:
 
 
 def smooth_angle(a: Tensor, b: Tensor) -> Tensor:
-    """Angle ``[*B]`` (rad) between unit quaternions ``[*B, 4]``, whose gradient at 0 is 0 and not infinite.
+    """Return the angle ``[*B]`` (rad) between unit quaternions ``[*B, 4]``, whose gradient at 0 is 0 and not infinite.
 
     >>> turn = torch.tensor([1.0, 0, 0, 0], requires_grad=True)
     >>> smooth_angle(turn, turn.detach()).backward()

@@ -40,7 +40,7 @@ class KeyframeMasks(nn.Module):
         self.register_buffer("_of_chain", of_chain, persistent=False)
 
     def draw(self, chain: Tensor, authored: Tensor, moves: Tensor) -> Tensor:
-        """Rows ``[N]`` of masks for new commands.
+        """Return rows ``[N]`` of masks for new commands.
 
         Args:
             chain: that authored ones are of ``[N]``.

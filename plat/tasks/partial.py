@@ -11,19 +11,19 @@ __all__ = ["joint_error", "partial_pose_cost", "points_cost", "root_offset"]
 
 
 def root_offset(state: GeneralizedState, pose: GeneralizedState, parts: Tensor) -> Tensor:
-    """Offset ``[*B, 3]`` (m) of the root from a pose, 0 where masks ``[*B, J + K + 3]`` leave it open."""
+    """Return the offset ``[*B, 3]`` (m) of the root from a pose, 0 where masks ``[*B, J + K + 3]`` leave it open."""
     horizontal, height, _ = parts[..., -3:].unbind(-1)
     return (state.root_pos_w - pose.root_pos_w) * torch.stack((horizontal, horizontal, height), -1)
 
 
 def joint_error(state: GeneralizedState, pose: GeneralizedState, parts: Tensor) -> Tensor:
-    """Mean absolute error ``[*B]`` (rad) of the joints that masks ``[*B, J + K + 3]`` command; 0 for none."""
+    """Return the mean absolute error ``[*B]`` (rad) of joints that masks ``[*B, J + K + 3]`` command; 0 for none."""
     joints = parts[..., : state.joint_pos.shape[-1]]
     return ((state.joint_pos - pose.joint_pos).abs() * joints).sum(-1) / joints.sum(-1).clamp_min(1.0)
 
 
 def partial_pose_cost(state: GeneralizedState, pose: GeneralizedState, parts: Tensor, weights: TrackingCosts) -> Tensor:
-    """Distance ``[*B]`` from the commanded part of a pose, bodies aside.
+    """Return the distance ``[*B]`` from the commanded part of a pose, bodies aside.
 
     Args:
         state, pose: robot and target.
@@ -38,7 +38,7 @@ def partial_pose_cost(state: GeneralizedState, pose: GeneralizedState, parts: Te
 
 
 def points_cost(points: Tensor, wanted: Tensor, bodies: Tensor) -> Tensor:
-    """Mean distance ``[n]`` (m) of the commanded bodies.
+    """Return the mean distance ``[n]`` (m) of the commanded bodies.
 
     Args:
         points, wanted: positions ``[n, K, 3]`` (m).

@@ -44,7 +44,7 @@ class PoseTable(nn.Module):
 
     @classmethod
     def of_library(cls, library: MotionLibrary) -> "PoseTable":
-        """The frames of a library. A large one is not copied, and stays on its device."""
+        """Return the frames of a library. A large one is not copied, and stays on its device."""
         large = len(library) > _COPIED
         frames = library.frames[:0] if large else library.frames
         states, points = GeneralizedState.from_motion(frames).pack(), frames["keypoint_pos"].flatten(1)
@@ -52,14 +52,14 @@ class PoseTable(nn.Module):
 
     @classmethod
     def of_poses(cls, qpos: Tensor, robot: Robot) -> "PoseTable":
-        """Poses ``[R, 7 + J]``, at rest."""
+        """Return poses ``[R, 7 + J]``, at rest."""
         root_pos, root_quat, joint_pos = qpos.split((3, 4, robot.num_joints), -1)
         keypoint_pos, _ = ForwardKinematics(robot)(root_pos, root_quat, joint_pos)
         still = qpos.new_zeros(len(qpos), 6 + robot.num_joints)
         return cls(torch.cat((qpos, still), -1), keypoint_pos.flatten(1))
 
     def then(self, other: "PoseTable") -> "PoseTable":
-        """The rows of this table and then those of another, which is of no large library."""
+        """Return the rows of this table and then those of another, which is of no large library."""
         device = self.states.device
         return PoseTable(
             torch.cat((self.states, other.states.to(device))),
@@ -71,17 +71,17 @@ class PoseTable(nn.Module):
         return len(self.states) + (0 if self._library is None else len(self._library))
 
     def state(self, row: Tensor) -> GeneralizedState:
-        """States of rows ``[*B]``."""
+        """Return states of rows ``[*B]``."""
         rows = self._rows(self.states, row.flatten(), _packed)
         return GeneralizedState.unpack(rows.view(*row.shape, rows.shape[-1]))
 
     def points(self, row: Tensor) -> Tensor:
-        """Positions of the keypoints ``[*B, K, 3]`` (m, world) of rows ``[*B]``."""
+        """Return the positions of the keypoints ``[*B, K, 3]`` (m, world) of rows ``[*B]``."""
         points = self._rows(self.keypoint_pos, row.flatten(), _keypoints)
         return points.view(*row.shape, points.shape[1:].numel() // 3, 3)
 
     def pose(self, row: Tensor) -> TensorDict:
-        """What :func:`plat.envs.robot_centric_goal` takes, of rows ``[*B]``; of orientations only the root's."""
+        """Return what :func:`plat.envs.robot_centric_goal` takes, of rows ``[*B]``; of orientations only the root's."""
         state = self.state(row)
         entries = {
             "joint_pos": state.joint_pos,

@@ -31,7 +31,7 @@ class TrackingCosts(Bounded):
     end_effectors: NonNegative = 0.0
     """of the end effectors, mean over them (m); of a whole keyframe in its arrival window"""
     miss: NonNegative = 0.0
-    """of errors beyond 0.6 of the thresholds of TKS, in thresholds; of a keyframe in its arrival window"""
+    """of errors beyond 0.6 of the thresholds of TKS, in thresholds, in an arrival window"""
 
     def check_dense(self, what: str) -> None:
         """Raise an error for another weight than the default that costs nothing along a dense reference.
@@ -62,11 +62,11 @@ class AuthoredCosts(Bounded):
     joint_vel: NonNegative = 0.01
     """of the joint velocities, mean over joints (rad/s)"""
     not_commanded: NonNegative = 0.05
-    """pull to the line of what a partial keyframe leaves open, as a share of the pull in the window"""
+    """pull to the line of what a partial keyframe leaves open, as a share of that in the window"""
     around: NonNegative = 1.0
-    """both pulls where the line leads around the robot's own arms, as a share of the pull in the window"""
+    """both pulls where the line leads around the robot's own arms, as a share of the window's"""
     lean: NonNegative = 3.0
-    """of leaning more than 0.3 further than the line does (difference of the unit vectors along gravity)"""
+    """of leaning more than 0.3 further than the line (difference of unit vectors along gravity)"""
     still: NonNegative = 0.1
     """of the joint velocities while a pose is held, mean over joints (rad/s)"""
     balance: NonNegative = 4.0

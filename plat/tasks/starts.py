@@ -59,7 +59,7 @@ class FailureWeights(nn.Module):
         self.register_load_state_dict_post_hook(_add_up_again)
 
     def draw(self, count: int) -> Tensor:
-        """Places ``[count]``."""
+        """Return places ``[count]``."""
         device, places = self.failures.device, len(self.failures)
         anywhere = torch.randint(places, (count,), device=device)
         return torch.where(torch.rand(count, device=device) < self.uniform, anywhere, self._draw_failures(count))
@@ -135,7 +135,7 @@ class ClipStarts(nn.Module):
         self.weights = FailureWeights(self.bins.count, uniform)
 
     def draw(self, count: int) -> Tensor:
-        """Frames ``[count]``."""
+        """Return the frames ``[count]``."""
         return self.bins.draw_within(self.weights.draw(count))
 
     def record(self, frame: Tensor) -> None:
@@ -144,12 +144,12 @@ class ClipStarts(nn.Module):
         self.weights.record(self.bins.of_frame(frame, back=1), 0.1)
 
     def last_of(self, frame: Tensor) -> Tensor:
-        """Last frames of the clips of frames ``[*B]``."""
+        """Return the last frames of the clips of frames ``[*B]``."""
         return self.bins.last_of(frame)
 
 
 def disturbed(state: GeneralizedState, noise: ResetNoise, robot: Robot) -> GeneralizedState:
-    """States ``[n]`` with uniform noise on root, joint angles and velocities."""
+    """Return states ``[n]`` with uniform noise on root, joint angles and velocities."""
     count, device = len(state.root_pos_w), state.root_pos_w.device
 
     def uniform(*half_widths: float) -> Tensor:

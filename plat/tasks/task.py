@@ -45,18 +45,18 @@ class Task(nn.Module):
 
     @abstractmethod
     def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
-        """States and memories ``[count]`` that episodes start from."""
+        """Return states and memories ``[count]`` that episodes start from."""
 
     @abstractmethod
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Entries that the policy reads."""
+        """Return the entries that the policy reads."""
 
     @abstractmethod
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Cost ``[N]`` of the control step that ended in a state."""
+        """Return the cost ``[N]`` of the control step that ended in a state."""
 
     def privileged(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Group ``"privileged_goal"``: what only a posterior sees, and only in training.
+        """Return the group ``"privileged_goal"``: what only a posterior sees, and only in training.
 
         ``frames`` ``[N, L, F]`` are goals on the way to the keyframe, as :class:`plat.collectors.PrivilegedGoals` has
         them, and ``length`` ``[N]`` says how many of them count.
@@ -64,7 +64,7 @@ class Task(nn.Module):
         raise TaskError(f"{type(self).__name__} has no privileged goals: define privileged() to train a posterior")
 
     def reference(self, memory: TensorDictBase) -> Tensor | None:
-        """Joint angles ``[N, J]`` (rad) that lead to what is commanded, to have at the end of the step; None for none.
+        """Return joint angles ``[N, J]`` (rad) that lead to what is commanded, for the end of the step; None for none.
 
         A new policy learns them as joint targets while its model of the robot is no good yet
         (:class:`plat.objectives.ReferenceLoss`).
@@ -72,30 +72,30 @@ class Task(nn.Module):
         return None
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
-        """Memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""
+        """Return the memory after a control step with ``action``: clocks go on, nothing new is commanded yet."""
         return memory.copy().set("last_action", action)
 
     def renew(self, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
-        """Memory in which a new command has taken the place of each that has ended, for robots in these states."""
+        """Return the memory with a new command in the place of each that has ended, for robots in these states."""
         return memory
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots whose episode ends by failure.
+        """Return the mask ``[N]`` of robots whose episode ends by failure.
 
         By default the root is below 0.4 m, of a robot whose root stands at 0.76 m; of others in proportion.
         """
         return state.root_pos_w[..., 2] < in_proportion(0.4, self.robot.root_height)
 
     def finished(self, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots whose episode ends because nothing is left to do."""
+        """Return the mask ``[N]`` of robots whose episode ends because nothing is left to do."""
         return torch.zeros(memory.batch_size, dtype=torch.bool, device=memory["last_action"].device)
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of imagined robots that are too far off to learn from; those that failed, by default."""
+        """Return the mask ``[N]`` of imagined robots too far off to learn from; those that failed, by default."""
         return self.failed(state, memory)
 
     def missed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots that missed what they were to do in this step, and go on; none by default."""
+        """Return the mask ``[N]`` of robots that missed what they were to do in this step; none by default."""
         return torch.zeros(memory.batch_size, dtype=torch.bool, device=memory["last_action"].device)
 
     def record_failures(self, memory: TensorDictBase) -> None:
@@ -165,7 +165,7 @@ def of_each(task: Task, method: str, value: Tensor, memory: TensorDictBase) -> T
 
 
 def robot_entries(state: GeneralizedState, last_action: Tensor, robot: Robot) -> TensorDict:
-    """Group ``"robot"`` of the observation: what :class:`plat.envs.MotionTrackingEnv` measures without noise.
+    """Return group ``"robot"`` of the observation: what :class:`plat.envs.MotionTrackingEnv` measures without noise.
 
     >>> from plat.robots import G1
     >>> state = GeneralizedState.unpack(torch.nn.functional.pad(torch.ones(2, 1), (3, 67)))

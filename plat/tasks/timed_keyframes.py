@@ -129,11 +129,11 @@ class TimedKeyframes(Task):
 
     @property
     def partial(self) -> bool:
-        """Whether some keyframes command a part of a pose."""
+        """Return whether some keyframes command a part of a pose."""
         return self.config.partial > 0
 
     def start(self, count: int) -> tuple[GeneralizedState, TensorDict]:
-        """Starts along motions and of authored chains, in the configured share."""
+        """Return starts along motions and of authored chains, in the configured share."""
         authored = torch.rand(count, device=self.chain_rows.first_row.device) < self.config.authored
         clips, chains = self.along(self.starts.draw(count)), self.authored(self.chain_starts.draw(count))
         state = GeneralizedState(
@@ -146,13 +146,13 @@ class TimedKeyframes(Task):
         return state, TensorDict(memory, [count], device=authored.device)
 
     def along(self, frame: Tensor) -> tuple[GeneralizedState, TensorDict]:
-        """Starts at frames ``[n]`` of the motions, each with its first command."""
+        """Return starts at frames ``[n]`` of the motions, each with its first command."""
         state = self._disturbed(self.table.state(frame))
         memory = self._memory(len(frame), frame=frame, goal=frame, before=frame)
         return state, self.renew(memory, state)
 
     def authored(self, chain: Tensor) -> tuple[GeneralizedState, TensorDict]:
-        """Starts of authored chains ``[n]``: standing, or in a moment of a motion that is moved to the origin."""
+        """Return starts of authored chains ``[n]``: standing, or in a moment of a motion moved to the origin."""
         row = self.chain_rows.first_row[chain]
         moment = self._at_origin(self.table.state(self.starts.draw(len(chain))))
         standing = torch.rand(len(chain), 1, device=row.device) < self.config.from_standing
@@ -162,7 +162,7 @@ class TimedKeyframes(Task):
         return state, self.renew(memory.set("authored", torch.ones_like(memory["authored"])), state)
 
     def observe(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Groups ``"robot"``, ``"goal"``, ``"command"``, ``"clock"``, and ``"parts"``: of whole poses all ones."""
+        """Return groups ``"robot"``, ``"goal"``, ``"command"``, ``"clock"``, ``"parts"``: of whole poses all ones."""
         parts, here = self._commanded(memory), on_motion(state, memory)
         goal = robot_centric_goal(self.table.pose(memory["goal"]), here.root_pos_w, here.root_quat_w, parts)
         steps_left = memory["steps_left"][:, None]
@@ -179,7 +179,7 @@ class TimedKeyframes(Task):
         return TensorDict(entries, batch, device=device)
 
     def privileged(self, state: GeneralizedState, memory: TensorDictBase) -> TensorDict:
-        """Frames of the motion from now to the keyframe; of an authored keyframe, which has none, the keyframe."""
+        """Return the frames from now to the keyframe; of an authored keyframe, which has no motion, the keyframe."""
         steps = torch.where(memory["authored"], 0, memory["steps_left"].clamp_min(0))
         offset, length = strided_offsets(steps, self.config.stride)
         first = torch.where(memory["authored"], memory["goal"], memory["frame"])
@@ -190,11 +190,11 @@ class TimedKeyframes(Task):
         return TensorDict({"frames": frames, "length": length}, memory.batch_size, device=frames.device)
 
     def reference(self, memory: TensorDictBase) -> Tensor:
-        """Joint angles of the motion, or of the line to an authored keyframe."""
+        """Return joint angles of the motion, or of the line to an authored keyframe."""
         return self._wanted(memory).joint_pos
 
     def advance(self, memory: TensorDictBase, action: Tensor) -> TensorDictBase:
-        """One frame on along a motion, one step less to the keyframe."""
+        """Go one frame on along a motion, and one step less to the keyframe."""
         frame = memory["frame"]
         out = memory.copy()
         out["last_action"] = action
@@ -204,7 +204,7 @@ class TimedKeyframes(Task):
         return out
 
     def renew(self, memory: TensorDictBase, state: GeneralizedState) -> TensorDictBase:
-        """The next keyframe where the last one's time is up."""
+        """Return the next keyframe where the last one's time is up."""
         due, authored, frame = memory["steps_left"] <= 0, memory["authored"], memory["frame"]
         if not on_gpu(due) and not due.any():  # a GPU would have to be waited for
             return memory
@@ -243,12 +243,12 @@ class TimedKeyframes(Task):
         return torch.where(any_length, torch.randint_like(frame, config.shortest, longest + 1), drawn)
 
     def cost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Distance ``[N]`` from the motion, or from the line to the keyframe, and in its window from the keyframe."""
+        """Return the distance ``[N]`` from motion or line to the keyframe, and in its window from the keyframe."""
         cost: Tensor = self.costs(on_motion(state, memory), memory)
         return cost
 
     def failed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.
+        """Return the mask ``[N]``: 0.3 m too high or low, too far off, or tilted otherwise than motion or line.
 
         Where a keyframe leaves the height open, that is 0.5 m, and where it leaves the place open, 2 m.
         """
@@ -261,7 +261,7 @@ class TimedKeyframes(Task):
 
     @torch.no_grad()
     def missed(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]`` of robots that miss a keyframe at its arrival, by the thresholds of evaluation.
+        """Return the mask ``[N]`` of robots that miss a keyframe at its arrival, by the thresholds of evaluation.
 
         Whole keyframes of a motion, and authored ones that are not out of reach. Who holds a pose does not arrive.
         """
@@ -282,11 +282,11 @@ class TimedKeyframes(Task):
         return out
 
     def lost(self, state: GeneralizedState, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: 0.6 m too high or low."""
+        """Return the mask ``[N]``: 0.6 m too high or low."""
         return (state.root_pos_w[:, 2] - self._wanted(memory).root_pos_w[:, 2]).abs() > 0.6
 
     def finished(self, memory: TensorDictBase) -> Tensor:
-        """Mask ``[N]``: at the clip's last frame, or at the end of the hold after a chain."""
+        """Return the mask ``[N]``: at the clip's last frame, or at the end of the hold after a chain."""
         frame = memory["frame"]
         over = memory["age"] >= self.chain_rows.duration[self.chain_rows.chain(memory["goal"])]
         return torch.where(memory["authored"], over, frame >= self.starts.last_of(frame))

@@ -3,8 +3,10 @@
 python -m tests.campaigns.api            # all, in a minute
 python -m tests.campaigns.api --verbose  # with the message of each
 
-Three kinds. Settings: every field of every public configuration, given values without sense. Entries: every entry of
-every module and objective, missing, too wide, or whole numbers. Calls: a list, of arguments without sense.
+Four kinds. Settings: every field of every public configuration, given values without sense. Entries: every entry of
+every module and objective, missing, too wide, or whole numbers. Calls: a list, of arguments without sense. Arguments:
+each one of public functions, in turn of another kind, see tests/campaigns/arguments.py; what a function can do with it
+may take.
 """
 
 import argparse
@@ -101,6 +103,7 @@ from plat.runs import Budget, SavedRun, load_policy
 from plat.spec.observation import student_keys
 from plat.spec.timing import Timing
 from plat.tasks.settings import AuthoredCosts, TimedKeyframesConfig, TrackingCosts
+from tests.campaigns.arguments import misplaced, trips
 from tests.conftest import standing_clip
 from tests.modules.policies.test_student import SMALL
 
@@ -533,7 +536,7 @@ def main() -> None:
     """Run the campaign; print what did not hold, and the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--verbose", action="store_true", help="print the message of every misuse")
-    parser.add_argument("--kind", choices=("settings", "entries", "calls"), help="only these")
+    parser.add_argument("--kind", choices=("settings", "entries", "calls", "arguments"), help="only these")
     chosen = parser.parse_args()
     total = failed = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -548,6 +551,11 @@ def main() -> None:
                     print(f"{fault or 'held'}: {misuse.name}\n    {message}")
             print(f"{kind}: {len(results)} misuses, {held} held", flush=True)
             total, failed = total + len(results), failed + len(results) - held
+        if chosen.kind in (None, "arguments"):
+            found = [(name, trips(call)) for name, call in misplaced(Path(folder))]
+            tripped = [f"{fault}: {name}" for name, fault in found if fault]
+            print(*tripped, f"arguments: {len(found)} misuses, {len(found) - len(tripped)} held", sep="\n", flush=True)
+            total, failed = total + len(found), failed + len(tripped)
     print(f"{total} misuses of the API, {total - failed} held")
     sys.exit(failed > 0)
 

@@ -13,6 +13,7 @@ from plat.modules import (
 from plat.objectives import LatentImitationLoss
 from plat.robots import G1
 from tests.campaigns.api import Misuse, calls, faults, settings
+from tests.campaigns.arguments import misplaced, trips
 from tests.modules.policies.test_student import SMALL
 
 
@@ -26,6 +27,18 @@ def test_calls_without_sense_are_refused(tmp_path):
     misuses = list(calls(tmp_path))
     assert len(misuses) >= 100
     assert {misuse.name: faults(misuse) for misuse in misuses if faults(misuse)[0]} == {}
+
+
+@pytest.mark.slow
+def test_arguments_of_another_kind_are_taken_or_refused_in_one_line(tmp_path):
+    found = {name: trips(call) for name, call in misplaced(tmp_path)}
+    assert len(found) >= 600
+    assert {name: fault for name, fault in found.items() if fault} == {}
+
+
+def test_a_trip_is_found():
+    assert trips(lambda: torch.zeros(2).nothing) == "AttributeError: 'Tensor' object has no attribute 'nothing'"
+    assert trips(lambda: G1.joint_names[-1]) == ""
 
 
 def test_a_fault_is_found():

@@ -1,4 +1,8 @@
+import ast
+import inspect
+import textwrap
 from dataclasses import fields
+from itertools import pairwise
 
 import pytest
 
@@ -33,6 +37,28 @@ def test_numbers_ranges_and_none():
     ranges = RandomizationRanges(push_interval=(2, 6), motor_gain=0.2)
     assert group_from_text(RandomizationRanges, "push_interval=2:6,motor-gain=.2") == ranges
     assert group_from_text(Regularization, "floor=none") == Regularization(floor=None)
+    for text, friction in (("none", None), ("0.5:0.5", (0.5, 0.5))):
+        ranges = group_from_text(RandomizationRanges, f"foot_friction={text}")
+        assert ranges == RandomizationRanges(foot_friction=friction)
+        assert group_text(ranges) == f"foot_friction={text}"
+
+
+def _help(kind: type) -> dict[str, str]:
+    """Help of each field of a group: the text below it."""
+    (body,) = (node.body for node in ast.parse(textwrap.dedent(inspect.getsource(kind))).body)
+    return {
+        field.target.id: text.value.value
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+    }
+
+
+@pytest.mark.parametrize("kind", GROUPS)
+def test_every_field_has_help_of_one_line(kind):
+    """They are no flags of their own, whose help tests/cli/test_help.py looks at."""
+    told = _help(kind)
+    assert [field.name for field in fields(kind) if field.name not in told] == []
+    assert {name: text for name, text in told.items() if "\n" in text or len(text) > 90} == {}
 
 
 @pytest.mark.parametrize(

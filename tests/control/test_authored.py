@@ -7,7 +7,7 @@ import torch
 
 from plat.control.authored import FAMILIES, _times, author, resting_poses
 from plat.control.feasibility import Feasibility
-from plat.errors import KeyframeError
+from plat.errors import KeyframeError, PlatError
 from plat.keyframes import KeyframeSequence
 from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.keyframes.partial import hands_of
@@ -55,6 +55,34 @@ def test_a_chain_is_five_keyframes_half_a_second_to_one_apart(family: str, resti
         np.testing.assert_allclose(commanded * timing.control_dt, times, atol=1e-9)
         assert chain.hold == (10.0 if family == "hold" else 3.0)
         np.testing.assert_array_equal(chain.sequence.start.qpos, G1.default_qpos)
+
+
+@pytest.mark.parametrize(("clips", "family", "told"), [(3, "poses", True), (5, "poses", False), (1, "hold", False)])
+def test_poses_that_repeat_within_a_chain_are_told(clips: int, family: str, told: bool, caplog) -> None:
+    rest = np.tile(G1.default_qpos, (clips, 1))
+    author(family, G1, 1, seed=0, resting=rest)
+    line = "authored family 'poses': 3 clips with a resting pose, and 5 keyframes a chain: poses repeat"
+    assert caplog.messages == ([line] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"count": 1.5}, "author: count is 1.5, expected a whole number of at least 1"),
+        ({"count": -1}, "author: count is -1, expected a whole number of at least 1"),
+        ({"seed": -1}, "author: seed is -1, expected a whole number from 0 to"),
+        ({"family": None}, "authored family None, expected one of hold, "),
+        ({"robot": "g1"}, "robot is 'g1', expected a Robot"),
+        ({"timing": 0.02}, "author: timing is 0.02, expected a Timing or None"),
+        (
+            {"family": "hold", "resting": np.zeros((5, 7))},
+            r"author: resting has shape \(5, 7\), expected poses",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(changes: dict, message: str) -> None:
+    with pytest.raises(PlatError, match=message):
+        author(**{"family": "arms", "robot": G1, "count": 1, "seed": 0, **changes})
 
 
 def test_the_same_seed_is_the_same_chains(resting: np.ndarray) -> None:

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plat.control.authored import FAMILIES, author
 from plat.control.feasibility import Feasibility, FeasibilityLimits, support_margin
+from plat.errors import KeyframeError, PlatError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.robots import G1
 from plat.spec.parts import Parts
@@ -159,7 +161,7 @@ def test_hands_that_meet_may_turn_out_of_each_other(feasibility: Feasibility) ->
 def test_of_a_partial_keyframe_only_what_it_commands_is_measured(feasibility: Feasibility) -> None:
     """The whole pose is far away, in the air, bent into itself and held."""
     there = posed(0.1, left_shoulder_roll=-1.2, left_knee=2.0)
-    there = replace(there, root_pos=STAND.root_pos + np.array([2.0, 0, 0.3]))
+    there = replace(there, root_pos=STAND.root_pos + np.array([2.0, 0, 0.2]))
     assert len(feasibility(STAND, there, held=True)) > 3
     elbow = replace(there, commands=Parts.only(G1, joints=["left_elbow"]))
     assert feasibility(STAND, elbow, held=True) == ()
@@ -188,9 +190,91 @@ def test_a_commanded_height_under_the_floor(feasibility: Feasibility) -> None:
     assert feasibility(STAND, elsewhere) == ()
 
 
+@pytest.mark.parametrize(("up", "words"), [(3.0, "3.0 m up"), (-0.36, "0.4 m down")])
+def test_a_root_that_moves_up_or_down_too_fast(feasibility: Feasibility, up: float, words: str) -> None:
+    """As tall as a person and more in a second, and into the knees in a control step."""
+    seconds = 1.0 if up > 0 else 0.02
+    there = replace(STAND.at(seconds), root_pos=STAND.root_pos + np.array([0, 0, up]))
+    for commands in (None, Parts.only(G1, root=["height"])):
+        found = feasibility(STAND, replace(there, commands=commands))
+        concern = next(concern for concern in found if concern.measure == "vertical_speed")
+        assert concern.value == pytest.approx(2 * abs(up) / seconds)
+        assert str(concern).startswith(f"{words} in {seconds:.2f} s takes ")
+    elsewhere = replace(there, commands=Parts.only(G1, root=["horizontal"]))
+    assert feasibility(STAND, elsewhere) == ()
+    slow = replace(there.at(20.0), commands=Parts.only(G1, root=["height"]))
+    assert measures(feasibility(STAND, slow)) == (["clearance"] if up > 0 else [])
+
+
+def test_a_robot_that_hangs_in_the_air(feasibility: Feasibility) -> None:
+    for up, expected in ((0.5, []), (0.8, ["clearance"])):
+        there = replace(STAND.at(2.0), root_pos=STAND.root_pos + np.array([0, 0, up]))
+        assert measures(feasibility(STAND, there)) == expected
+        assert measures(feasibility(STAND, there, held=True)) == ["floating"]
+        height = replace(there, commands=Parts.only(G1, root=["height"]))
+        assert measures(feasibility(STAND, height)) == expected
+    (concern,) = feasibility(STAND, there)
+    assert str(concern) == "the robot is 80 cm above the floor, higher than a jump"
+    assert str(feasibility(STAND, height)[0]) == "root is 80 cm above where it is in standing, higher than a jump"
+    lying = replace(there, root_pos=np.array([0, 0, 0.1]), root_quat=np.array([0.5**0.5, 0, -(0.5**0.5), 0]))
+    assert "clearance" not in measures(feasibility(STAND, lying)), "its legs may be anywhere"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_what_people_draw_is_neither_too_high_nor_too_fast_upward(feasibility: Feasibility, family: str) -> None:
+    timing = Timing(max_steps=150)
+    for chain in author(family, G1, 2, 0, STAND.qpos[None], timing):
+        found = {concern.measure for concerns in feasibility.sequence(chain.sequence) for concern in concerns}
+        assert not found & {"vertical_speed", "clearance"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"root_quat": np.zeros(4)}, "root_quat has length 0, expected 1"),
+        ({"root_quat": np.array([1.02, 0, 0, 0])}, "root_quat has length 1.02, expected 1"),
+        ({"joint_pos": np.full(29, np.nan)}, r"joint_pos\[0\] is nan, expected a finite number"),
+        ({"joint_pos": STAND.joint_pos + 3 * np.eye(29)[3]}, "joint_pos: 'left_knee' is 3.669 rad, .* to 2.88"),
+        ({"root_pos": np.array([0, 0, 760.0])}, "root_pos puts the root at a height of 760 m, expected meters"),
+        ({"root_pos": None}, "root_pos has shape"),
+        ({"commands": "hands"}, "commands is 'hands', expected plat.keyframes.Parts"),
+        ({"time": float("nan")}, "time is nan, expected a finite number of seconds"),
+    ],
+)
+def test_what_no_file_may_hold_is_refused(feasibility: Feasibility, changes, message: str) -> None:
+    good = STAND.at(1.0)
+    with pytest.raises(KeyframeError, match=f"^after: {message}"):
+        feasibility(STAND, replace(good, **changes))
+    with pytest.raises(KeyframeError, match=f"^before: {message}"):
+        feasibility(replace(STAND, **changes), good)
+
+
+def test_a_quaternion_within_what_files_allow_is_that_of_unit_length(feasibility: Feasibility) -> None:
+    turned = replace(STAND.at(0.5), root_quat=np.array([np.cos(0.8), 0, 0, np.sin(0.8)]))
+    longer = replace(turned, root_quat=1.009 * turned.root_quat)
+    assert feasibility(STAND, longer) == feasibility(STAND, turned)
+    assert feasibility(STAND, replace(STAND.at(0.5), root_quat=0.991 * STAND.root_quat)) == ()
+
+
+def test_what_is_no_robot_limits_or_keyframe_is_refused(feasibility: Feasibility) -> None:
+    with pytest.raises(PlatError, match="robot is None, expected a Robot"):
+        Feasibility(None)
+    with pytest.raises(PlatError, match="Feasibility: limits is 3, expected a FeasibilityLimits or None"):
+        Feasibility(G1, 3)
+    with pytest.raises(PlatError, match="FeasibilityLimits: joint_speed is nan, expected a number of at least 0"):
+        FeasibilityLimits(joint_speed=float("nan"))
+    with pytest.raises(PlatError, match="before is None, expected a Keyframe"):
+        feasibility(None, STAND)
+    with pytest.raises(PlatError, match="keyframes is None, expected a KeyframeSequence"):
+        feasibility.sequence(None)
+
+
 def test_limits_are_the_callers() -> None:
     strict = Feasibility(G1, FeasibilityLimits(joint_speed=0.1))
     assert measures(strict(STAND, posed(left_elbow=0.8))) == ["joint_speed"]
+    high = replace(STAND.at(0.5), root_pos=STAND.root_pos + np.array([0, 0, 3.0]))
+    free = Feasibility(G1, FeasibilityLimits(vertical_speed=float("inf"), clearance=float("inf")))
+    assert free(STAND, high) == ()
 
 
 def test_the_last_keyframe_of_a_sequence_is_held(feasibility: Feasibility) -> None:

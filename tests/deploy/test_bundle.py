@@ -56,7 +56,8 @@ def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
     ("change", "message"),
     [
         ({"format": "plat-run"}, "format: is 'plat-run', expected 'plat-bundle'"),
-        ({"version": 2}, "version: is 2, expected 1"),
+        ({"version": 2}, "version: is 2, this plat reads up to 1: update plat"),
+        ({"version": 0}, "version: is 0, expected 1"),
         ({"quaternion_order": "xyzw"}, "quaternion_order: is 'xyzw', expected 'wxyz'"),
         ({"control_dt": 0}, "control_dt: is 0.0, expected 0.001 to 1 seconds"),
         ({"control_dt": 2}, "control_dt: is 2.0, expected 0.001 to 1 seconds"),

@@ -219,7 +219,7 @@ def test_a_start_that_is_no_place(change, message):
         ({"imu_pos": (np.nan, 0.0, 0.0)}, r"imu_pos\[0\] is nan, expected a finite number"),
         ({"imu_pos": 0.1}, r"imu_pos has shape \(\), expected \(3,\)"),
         ({"imu_quat": (0.0, 0.0, 0.0, 0.0)}, "imu_quat has length 0, expected a unit quaternion wxyz"),
-        ({"settings": {"floor": None}}, "settings is {.*}, expected a EstimatorSettings"),
+        ({"settings": {"floor": None}}, "settings is {.*}, expected an EstimatorSettings"),
     ],
 )
 def test_an_imu_that_is_nowhere(given, message):

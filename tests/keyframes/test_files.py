@@ -102,7 +102,8 @@ def change(*path, to):
     ("broken", "message"),
     [
         (change("format", to="plat-run"), "not a keyframe file, expected an object with 'format': 'plat-keyframes'"),
-        (change("version", to=3), "version is 3, expected 1 or 2"),
+        (change("version", to=3), "version is 3, this plat reads up to 2: update plat"),
+        (change("version", to=0), "version is 0, expected 1 or 2"),
         (change("robot", to="h1"), "robot is 'h1', expected 'g1'; for another .* --robot PATH$"),
         (change("robot", to=None), "robot is missing"),
         (change("quaternion_order", to=None), "quaternion_order is missing"),

@@ -146,7 +146,7 @@ def test_whole_keyframes_are_written_as_version_1(tmp_path):
         (2, [LEFT], "commands is"),
         (2, {}, "nothing is commanded"),
         (True, {"bodies": [LEFT]}, "version is"),
-        (3, {"bodies": [LEFT]}, "version is 3, expected 1 or 2"),
+        (3, {"bodies": [LEFT]}, "version is 3, this plat reads up to 2: update plat"),
     ],
 )
 def test_broken_commands_are_one_line(tmp_path, version, commands, message):

@@ -14,7 +14,7 @@ from plat.cli import evaluate
 from plat.envs.transforms import RandomizationRanges
 from plat.errors import PlatError, WorkerError
 from plat.evaluation import CommandRecords, Score
-from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, RefinementConfig
+from plat.modules import Expert, ExpertConfig, LatentNoisePolicy, LatentPolicy, PlainPolicy, RefinementConfig
 from plat.recipes import ablations
 from plat.recipes.options import Training
 from plat.robots import G1
@@ -25,6 +25,9 @@ from tests.modules.policies.test_student import SMALL
 from tests.recipes.runs import save_run, write_motions
 
 pytest.importorskip("matplotlib")
+
+
+STEPS = {"expert_steps": 9, "student_steps": 6, "refine_steps": 3, "imagine_steps": 2}
 
 
 def refined() -> LatentNoisePolicy:
@@ -144,6 +147,22 @@ def test_rows_that_are_there_are_scored_in_the_papers_order(begun):
     assert "by difficulty" not in (out / "hard" / "scores.md").read_text(encoding="utf-8")
 
 
+def test_imagined_policies_are_rows_of_their_own_and_differences_are_plats(recipe, capsys):
+    save_run(recipe.runs / "imagined", PlainPolicy(G1, SMALL), steps=100)
+    save_run(recipe.runs / "imagined-latent-seed0", LatentPolicy(G1, SMALL), steps=100)
+    rows = ablations.trained_rows(recipe)
+    assert [name for name in ablations.ORDER if name in rows][-3:] == ["PLAT", "Imagined", "Imagined latent"]
+    assert [candidate.slug for name in ("Imagined", "Imagined latent") for candidate in rows[name]] == [
+        "imagined",
+        "imagined-latent-seed0",
+    ]
+    (plat,) = made_up("PLAT")[:1]
+    scores = [plat, dataclasses.replace(plat, policy="Imagined")]
+    ablations.write_table(recipe.out / "all", scores, {name: rows[name] for name in ("PLAT", "Imagined")})
+    assert "PLAT minus" in (recipe.out / "all" / "scores.md").read_text(encoding="utf-8")
+    assert "Imagined: left out" not in capsys.readouterr().out
+
+
 def test_figures_of_every_split_and_strips_of_one(scored, monkeypatch):
     drawn = []
     monkeypatch.setattr(evaluate, "draw_scores", lambda folder, scores: drawn.append((folder.name, scores)) or [])
@@ -221,29 +240,34 @@ def trained(monkeypatch) -> list:
         )
         save_run(recipe.out, policy, steps=recipe.steps)
 
-    for name in ("expert", "distill", "refine"):
+    for name in ("expert", "distill", "refine", "imagine"):
         monkeypatch.setattr(sys.modules[f"plat.recipes.{name}"], "main", train)
     return made
 
 
 def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_path):
-    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(4, 5))
+    training = Training(
+        motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, imagine_steps=2, seeds=(4, 5)
+    )
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
     ablations.train(recipe)
     names = ["sonic-style", "expert", "plain", "dagger"]
     names += [f"{name}-seed{seed}" for name in ("finetune", "action", "plat") for seed in (4, 5)]
+    names += ["imagined", "imagined-latent"]
     assert [made.out.name for made in trained] == names
-    assert [made.steps for made in trained] == [9, 9, 6, 6] + [3] * 6
-    assert [made.seed for made in trained] == [4, 4, 4, 4] + [4, 5] * 3
+    assert [made.steps for made in trained] == [9, 9, 6, 6] + [3] * 6 + [2] * 2
+    assert [made.seed for made in trained] == [4, 4, 4, 4] + [4, 5] * 3 + [4, 4]
     assert all(made.motions == ("train.npz",) and not made.resume for made in trained)
     assert trained[0].policy == dataclasses.replace(trained[1].policy, ahead=(1, 2, 6, 11, 16, 21, 26, 31, 36, 41))
     assert trained[1].policy == ablations.expert.ExpertRecipe(motions=("train.npz",), out=tmp_path).policy
     assert [made.student for made in trained[2:4]] == ["plain", "latent"]
     assert trained[2].expert == trained[3].expert == tmp_path / "new" / "expert"
-    assert [made.variant for made in trained[4::2]] == ["finetune", "action", "latent"]
+    assert [made.variant for made in trained[4:-2:2]] == ["finetune", "action", "latent"]
+    assert [(made.name, made.student) for made in trained[-2:]] == [("imagine", "plain"), ("imagine", "latent")]
+    assert [made.posterior for made in trained[-2:]] == [0, 0.5]
     # within a stage nothing differs but what the row is about
-    about = {"student", "variant", "out", "seed", "policy"}
-    for stage in (trained[:2], trained[2:4], trained[4:]):
+    about = {"student", "variant", "out", "seed", "policy", "posterior"}
+    for stage in (trained[:2], trained[2:4], trained[4:-2], trained[-2:]):
         settings = [
             {field.name: getattr(made, field.name) for field in dataclasses.fields(made) if field.name not in about}
             for made in stage
@@ -252,7 +276,9 @@ def test_every_row_is_trained_with_the_budget_of_its_stage(recipe, trained, tmp_
 
 
 def test_rows_that_are_done_are_not_trained_again(recipe, trained, tmp_path, capsys):
-    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    training = Training(
+        motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, imagine_steps=2, seeds=(0,)
+    )
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
     ablations.train(recipe)
     trained.clear()
@@ -278,7 +304,9 @@ def finish(training: ablations.Planned, policy) -> None:
 
 def test_rows_that_were_trained_otherwise_are_no_done_rows(recipe, tmp_path, capsys):
     motions = (write_motions(tmp_path, frames=21),)
-    training = Training(motions=motions, num_envs=2, expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    training = Training(
+        motions=motions, num_envs=2, expert_steps=9, student_steps=6, refine_steps=3, imagine_steps=2, seeds=(0,)
+    )
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training)
     rows = {planned.out.name: planned for planned in ablations.planned(recipe)}
     finish(rows["expert"], Expert(G1, ExpertConfig(hidden=(8,))))
@@ -289,8 +317,10 @@ def test_rows_that_were_trained_otherwise_are_no_done_rows(recipe, tmp_path, cap
     longer = dataclasses.replace(training, expert_steps=10)
     with pytest.raises(PlatError, match="^DAgger: .*dagger' was made from 'expert' as it is, which would train on: "):
         ablations.planned(dataclasses.replace(recipe, training=longer))
+    finish(rows["imagined"], PlainPolicy(G1, SMALL))
+    assert "imagined" not in {planned.out.name for planned in ablations.planned(recipe)}
     longer = dataclasses.replace(training, student_steps=7, refine_steps=4)
-    assert len(ablations.planned(dataclasses.replace(recipe, training=longer))) == len(rows) - 1
+    assert len(ablations.planned(dataclasses.replace(recipe, training=longer))) == len(rows) - 2
     more = dataclasses.replace(training, num_envs=4, mirror=True)
     with pytest.raises(
         PlatError, match=r"^Scratch RL: '.*expert' was trained otherwise: mirror is True, was False; num"
@@ -363,7 +393,9 @@ def test_rows_are_in_the_table_as_soon_as_they_are_scored(
         write(folder, scores, rows, groups)
 
     monkeypatch.setattr(ablations, "write_table", written)
-    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0, 1))
+    training = Training(
+        motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, imagine_steps=2, seeds=(0, 1)
+    )
     recipe = dataclasses.replace(
         recipe, runs=tmp_path / "new", training=training, train=True, ray=True, horizon=("long",)
     )
@@ -388,11 +420,13 @@ def test_rows_that_fail_leave_the_others_alone(recipe, trained, asked, on_cluste
         raise PlatError("no such teacher")
 
     monkeypatch.setattr(sys.modules["plat.recipes.distill"], "main", broken)
-    training = Training(motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, seeds=(0,))
+    training = Training(
+        motions=("train.npz",), expert_steps=9, student_steps=6, refine_steps=3, imagine_steps=2, seeds=(0,)
+    )
     recipe = dataclasses.replace(recipe, runs=tmp_path / "new", training=training, train=True, ray=True)
-    with pytest.raises(PlatError, match=r"^10 of 14 tasks failed, the first of them 'train plain' \(no such teacher\)"):
+    with pytest.raises(PlatError, match=r"^10 of 18 tasks failed, the first of them 'train plain' \(no such teacher\)"):
         ablations.main(recipe)
-    assert [made.out.name for made in trained] == ["sonic-style", "expert"]
+    assert [made.out.name for made in trained] == ["sonic-style", "expert", "imagined", "imagined-latent"]
     assert "train plat-seed0: needs another" in capsys.readouterr().out
     assert "Scratch RL" in (recipe.out / "all" / "scores.md").read_text()
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from plat.recipes import expert_model, learning
 from plat.robots import G1, ForwardKinematics, Robot, get_robot, registry
 from plat.robots.center_of_mass import link_names
 from plat.runs import Budget, Run, load_policy
+from plat.spec.observation import observation_size, student_keys
 from plat.tasks import draw_chains
 from tests.export.runs import write_run
 from tests.modules.policies.test_student import SMALL
@@ -93,6 +95,21 @@ def test_chains_that_go_lower_are_left_out(motions):
     assert not families & {"crouch", "three_point"}
     with pytest.raises(TaskError, match="legs of six joints"):
         draw_chains(motions, 4, ["crouch"])
+
+
+def test_it_is_a_gymnasium_environment(toy, tmp_path):
+    save_motions(tmp_path / "squats.npz", [squats(toy)], toy)
+    settings = {"motions": str(tmp_path / "squats.npz"), "horizon": "medium"}
+    size = observation_size(student_keys(), toy)
+    for robot in (toy, str(DESCRIPTION)):
+        env = gymnasium.make("plat/G1TimedKeyframe-v0", robot=robot, **settings)
+        assert env.reset(seed=0)[0].shape == (size,)
+        assert env.action_space.shape == (7,)
+        assert env.step(np.zeros(7, np.float32))[0].shape == (size,)
+    many = gymnasium.make_vec("plat/G1TimedKeyframe-v0", num_envs=2, robot=toy, **settings)
+    assert many.reset(seed=0)[0].shape == (2, size)
+    with pytest.raises(RobotError, match="robot 'r2d2' is unknown"):
+        gymnasium.make("plat/G1TimedKeyframe-v0", robot="r2d2", **settings)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])

@@ -349,6 +349,20 @@ def test_what_is_no_run_is_not_resumed(tmp_path, checkpoint):
     assert (tmp_path / "config.json").read_text() == '{"name": "another program"}'
 
 
+def test_a_run_of_a_newer_plat_is_neither_resumed_nor_overwritten(tmp_path):
+    start(tmp_path)[0].save()
+    config = {**read_json(tmp_path / "config.json"), "version": 2}
+    write_json(tmp_path / "config.json", config)
+    with pytest.raises(CheckpointError, match="config.json': version is 2, this plat reads up to 1: update plat"):
+        start(tmp_path, resume=True)
+    for path in tmp_path.glob("*.safetensors"):  # that plat may call them otherwise
+        path.unlink()
+    shutil.rmtree(tmp_path / "checkpoints")
+    with pytest.raises(CheckpointError, match="already holds a run"):
+        start(tmp_path)
+    assert read_json(tmp_path / "config.json") == config
+
+
 def test_a_checkpoint_that_was_about_to_be_replaced_is_put_back(tmp_path):
     run, _, _, budget = start(tmp_path / "a")
     budget.add(10)

@@ -22,7 +22,16 @@ from plat.modules import (
     ResidualLatentPolicy,
 )
 from plat.robots import G1, registry
-from plat.runs import Policy, SavedRun, load_policy, policy_spec, register_policy, save_weights, write_json
+from plat.runs import (
+    Policy,
+    SavedRun,
+    load_dynamics,
+    load_policy,
+    policy_spec,
+    register_policy,
+    save_weights,
+    write_json,
+)
 from plat.runs.policies import _KINDS, complete_spec
 from plat.runs.trained_for import trained_for
 from plat.spec.timing import Timing
@@ -105,7 +114,19 @@ def edit(run, **changes) -> None:
         ),
         ({"kind": "oracle"}, "unknown kind of policy 'oracle'"),
         ({"config": {"hidden": "wide"}}, "ExpertConfig.hidden"),
-        ({"config": {"layers": 3}}, "unknown fields \\['layers'\\] of ExpertConfig"),
+        ({"config": {"layers": 3}}, "config.json': ExpertConfig: unknown field 'layers', expected hidden, action,"),
+        ({"config": {"hiden": [8]}}, "ExpertConfig: unknown field 'hiden', perhaps 'hidden'$"),
+        (
+            {"config": {"timing": {"max_step": 9}}},
+            "ExpertConfig.timing: unknown field 'max_step', perhaps 'max_steps'$",
+        ),
+        ({"config": {"normalizer": {"size": 1}}}, "ExpertConfig.normalizer: unknown field 'size', expected eps, clip$"),
+        ({"config": {"timing": {"control_dt": "0.02"}}}, "timing.control_dt is '0.02', expected a valid number$"),
+        ({"config": {"timing": {"max_steps": 50.0}}}, "timing.max_steps is 50.0, expected a valid integer$"),
+        ({"config": {"hidden": ["8"]}}, "ExpertConfig.hidden.0 is '8', expected a valid integer$"),
+        ({"config": {"symmetric": 1}}, "ExpertConfig.symmetric is 1, expected a valid boolean$"),
+        ({"config": {"timing": None}}, "ExpertConfig.timing is None, expected "),
+        ({"trained_four": {}}, "config.json': policy: unknown field 'trained_four', perhaps 'trained_for'$"),
         ({"config": {"hidden": [16]}}, "has shape .* expected .* by the sizes in config.json"),
         ({"config": {"hidden": [8, 8]}}, "lacks \\['network.4.bias'"),
     ],
@@ -114,6 +135,40 @@ def test_a_config_that_does_not_fit(run, changes, message):
     edit(run, **changes)
     with pytest.raises(CheckpointError, match=message):
         load_policy(run)
+
+
+@pytest.mark.parametrize("nested", [{"reach": {"sped": 1.0}}, {"reach": {"speed": "1.0"}}])
+def test_a_student_within_a_policy_is_read_as_strictly(tmp_path, nested):
+    save(tmp_path, ResidualLatentPolicy(LatentPolicy(G1, SMALL)))
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["policy"]["student"]["config"].update(nested)
+    write_json(tmp_path / "config.json", config)
+    with pytest.raises(
+        CheckpointError, match="LatentPolicyConfig.reach.*(perhaps 'speed'|'1.0', expected a valid number)"
+    ):
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"version": 3}, "config.json': version is 3, this plat reads up to 1: update plat$"),
+        ({"version": 0}, "config.json': version is 0, expected 1$"),
+        ({"version": "1"}, "config.json': version is '1', expected 1$"),
+        ({"version": None}, "config.json': version is None, expected 1$"),
+        ({"format": "plat-keyframes"}, "config.json': format is 'plat-keyframes', expected 'plat-run'$"),
+    ],
+)
+def test_a_run_of_another_format_or_version_is_refused(run, entries, message):
+    config = json.loads((run / "config.json").read_text())
+    assert SavedRun(run).kind == "expert"  # one that says neither
+    write_json(run / "config.json", {"format": "plat-run", "version": 1, **config})
+    assert SavedRun(run).kind == "expert"
+    write_json(run / "config.json", {"format": "plat-run", "version": 1, **config, **entries})
+    with pytest.raises(CheckpointError, match=message):
+        load_policy(run)
+    with pytest.raises(CheckpointError, match=message):
+        load_dynamics(run, G1)
 
 
 def registered(monkeypatch, name: str, **changes):

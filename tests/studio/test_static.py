@@ -785,13 +785,13 @@ def test_pins_change_nothing_else_and_choices_are_exact(visitor):
 @pytest.mark.slow
 def test_doubts_are_pythons(visitor):
     feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
-    poses = {
-        name: G1.default_qpos.copy() for name in ("far", "folded", "sunk", "buried", "floating", "tipping", "turned")
-    }
+    names = ("far", "folded", "sunk", "buried", "floating", "tipping", "turned", "high")
+    poses = {name: G1.default_qpos.copy() for name in names}
     poses["far"][0] += 3
     poses["folded"][7 + joints.index("left_shoulder_roll")] = -1.2
     poses["sunk"][2] -= 0.2
     poses["floating"][2] += 0.2
+    poses["high"][2] += 3.0
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
@@ -802,17 +802,21 @@ def test_doubts_are_pythons(visitor):
     checker, said = Checker(G1), []
     arms = Parts.only(G1, joints=[name for name in joints if "left" in name or "waist" in name])
     for name, qpos in poses.items():
-        before = ABOVE.at(0.0) if name == "below" else stand
+        before, held = ABOVE.at(0.0) if name == "below" else stand, name != "high"
         for parts in (None, preset("hands", G1), arms, Parts.only(G1, root=["height"])):
             frame = replace(Keyframe.from_qpos(0.5, qpos), commands=parts)
-            words = [concern.words for concern in feasibility(before, frame, held=True)]
+            words = [concern.words for concern in feasibility(before, frame, held=held)]
             commands = parts and parts.names(G1)
             found = visitor.page.evaluate(
-                "async ([before, qpos, commands]) => (await import('./feasibility.mjs'))"
-                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, true)",
-                [before.qpos.tolist(), qpos.tolist(), commands],
+                "async ([before, qpos, commands, held]) => (await import('./feasibility.mjs'))"
+                ".verdict(window.platStudio.robot, { qpos: before }, { qpos, commands }, 0.5, held)",
+                [before.qpos.tolist(), qpos.tolist(), commands, held],
             )
             assert found["words"] == words, (name, commands)
+            if not held:
+                assert bool(words) == (parts is not arms)
+                said += words
+                continue
             own = checker.timeline(Timeline(G1, before, (frame,)))[0]
             assert found["joint"] == own.joint
             assert found["share"] == pytest.approx(own.share)
@@ -821,6 +825,8 @@ def test_doubts_are_pythons(visitor):
     assert len(said) >= 8
     assert sum("straight way" in words for words in said) == 2
     assert "root is 20 cm inside the floor" in said
+    assert said.count("3.0 m up in 0.50 s takes 12.0 m/s") == 2
+    assert sum("higher than a jump" in words for words in said) == 2
 
 
 @pytest.mark.slow

@@ -1,15 +1,18 @@
 import mujoco
+import numpy as np
 import pytest
 import torch
 
+from plat.control import resting_poses
 from plat.errors import ConfigError, TaskError
 from plat.keyframes.partial import hands_of
-from plat.motions import MotionLibrary, generate_motions
+from plat.motions import MotionClip, MotionLibrary, generate_motions
 from plat.motions.checks.collision import self_penetration
 from plat.robots import G1
 from plat.robots.kinematics import ForwardKinematics
 from plat.spec.timing import Timing
 from plat.tasks import CHAIN_FAMILIES, draw_chains
+from plat.tasks.chains import _resting_poses
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +167,11 @@ def test_a_seed_draws_the_times_that_trained_weights_know(library, longest, want
 def test_arguments_that_make_no_sense_are_refused(library, name, value):
     with pytest.raises(ConfigError, match=f"draw_chains: {name} is {value}, expected"):
         draw_chains(library, **{"count": 3, name: value})
+
+
+@pytest.mark.parametrize(("height", "rests"), [(0.5485, False), (0.5515, True)])
+def test_what_rests_is_the_same_in_training_and_in_evaluation(height, rests):
+    qpos = np.tile(G1.default_qpos, (20, 1))
+    qpos[:, 2] = height
+    library = MotionLibrary.from_clips([MotionClip("low", qpos, 50.0)])
+    assert bool(len(_resting_poses(library))) == bool(len(resting_poses(library))) == rests

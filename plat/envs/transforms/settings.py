@@ -45,11 +45,11 @@ class NoiseLevels(Bounded):
 class RandomizationRanges(Bounded):
     """Ranges of domain randomization, sampled uniformly: in training at each reset, in evaluation for each motion.
 
-    A range of width 0 switches its term off.
+    A half width or fraction of 0 leaves a quantity as the robot has it. Two equal ends are one value for all robots.
     """
 
-    foot_friction: Within = (0.3, 1.2)
-    """sliding friction of the soles"""
+    foot_friction: Within | None = (0.3, 1.2)
+    """sliding friction of the soles; none leaves that of the robot"""
     torso_com: Widths = (0.025, 0.05, 0.05)
     """half widths of the shift of the anchor body's center of mass (m)"""
     encoder_bias: NonNegative = 0.01
@@ -61,7 +61,7 @@ class RandomizationRanges(Bounded):
     longer_delay: Fraction = 0.0
     """fraction of these whose targets arrive two control steps late, not one"""
     torso_mass: NonNegative = 0.0
-    """half width of the change of the anchor body's mass (kg); of a lighter robot half of that mass at most"""
+    """half width of the change of the anchor body's mass (kg), half of that mass at most"""
     gyro_bias: NonNegative = 0.0
     """half width of the constant error of the measured angular velocity (rad/s), each axis"""
     velocity_bias: NonNegative = 0.0
@@ -82,11 +82,14 @@ class RandomizationRanges(Bounded):
     def scaled(self, strength: float) -> "RandomizationRanges":
         """Return ranges narrowed by a factor from 0 to 1 (these).
 
-        At 0 that is the nominal robot, but for a friction of 1: the G1's own soles have 0.8.
+        At 0 that is the nominal robot, but for a friction of 1 where one is drawn: the G1's own soles have 0.8.
         """
-        low, high = self.foot_friction
+        friction = self.foot_friction
+        if friction is not None:
+            low, high = friction
+            friction = (1 - strength + strength * low, 1 - strength + strength * high)
         return RandomizationRanges(
-            foot_friction=(1 - strength + strength * low, 1 - strength + strength * high),
+            foot_friction=friction,
             torso_com=_scaled(self.torso_com, strength),
             encoder_bias=strength * self.encoder_bias,
             motor_gain=strength * self.motor_gain,

@@ -38,10 +38,10 @@ class Critic(nn.Module):
         self.network = mlp(size, hidden, 1)
 
     def observe(self) -> TensorDictModule:
-        """Module that writes the normalized ``critic_observation``."""
+        """Return the module that writes the normalized ``critic_observation``."""
         return self.normalizer.using(out_key="critic_observation")
 
     def head(self) -> TensorDictModule:
-        """Module that writes ``state_value`` ``[*B, 1]`` of a ``critic_observation``."""
+        """Return the module that writes ``state_value`` ``[*B, 1]`` of a ``critic_observation``."""
         head = TensorDictModule(self.network, in_keys=["critic_observation"], out_keys=["state_value"])
         return expects(head, {"critic_observation": (len(self.normalizer.mean),)}, "critic")

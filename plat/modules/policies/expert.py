@@ -83,7 +83,7 @@ class Expert(nn.Module):
 
     @property
     def timing(self) -> Timing:
-        """Time constants that the policy is trained with."""
+        """Return the time constants that the policy is trained with."""
         return self.config.timing
 
     @staticmethod

@@ -80,12 +80,12 @@ class Refinement(nn.Module):
 
     @property
     def num_samples(self) -> int:
-        """Size of what is sampled."""
+        """Return the size of what is sampled."""
         return self.robot.num_joints
 
     @property
     def timing(self) -> Timing:
-        """Time constants of the student."""
+        """Return the time constants of the student."""
         return self.student.timing
 
     def shown(self) -> Shown:
@@ -182,7 +182,7 @@ class LatentNoisePolicy(ResidualLatentPolicy):
 
     @property
     def num_samples(self) -> int:
-        """Size of the latent."""
+        """Return the size of the latent."""
         return self.student.config.latent_size
 
     def mean(self) -> list[TensorDictModuleBase]:

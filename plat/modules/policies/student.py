@@ -101,7 +101,7 @@ class LatentPolicy(nn.Module):
 
     @property
     def timing(self) -> Timing:
-        """Time constants that the policy is trained with."""
+        """Return the time constants that the policy is trained with."""
         return self.config.timing
 
     def training_graph(self) -> TensorDictSequential:
@@ -223,7 +223,7 @@ class PlainPolicy(nn.Module):
 
     @property
     def timing(self) -> Timing:
-        """Time constants that the policy is trained with."""
+        """Return the time constants that the policy is trained with."""
         return self.config.timing
 
     def deployed(self) -> DeployedPolicy:

@@ -7,7 +7,7 @@ __all__ = ["link_contacts", "self_penetration"]
 
 
 def self_penetration(model: mujoco.MjModel, qpos: np.ndarray, data: mujoco.MjData) -> float:
-    """How deep two links are in each other in a pose, at most (m); 0 where none touch.
+    """Return how deep two links are in each other in a pose, at most (m); 0 where none touch.
 
     Args:
         model: the robot; what belongs to the world's body is none of its links.

@@ -56,16 +56,16 @@ class Soles:
         self._num_joints = robot.num_joints
 
     def points(self, qpos: Tensor) -> Tensor:
-        """Lowest point of each part of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
+        """Return the lowest point of each part of each foot ``[T, 2, P, 3]`` (m, world) of poses ``[T, 7 + J]``."""
         return self.points_of(*self.feet(qpos))
 
     def feet(self, qpos: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions ``[T, 2, 3]`` (m, world) and orientations ``[T, 2, 4]`` of the feet in poses ``[T, 7 + J]``."""
+        """Return places ``[T, 2, 3]`` (m, world) and orientations ``[T, 2, 4]`` of the feet in poses ``[T, 7 + J]``."""
         parts = [self._kinematics(*part.double().split((3, 4, self._num_joints), -1)) for part in qpos.split(_CHUNK)]
         return torch.cat([pos_w for pos_w, _ in parts]), torch.cat([quat_w for _, quat_w in parts])
 
     def points_of(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:
-        """Lowest point of each part of each foot, as :meth:`points`, of feet as :meth:`feet` gives them."""
+        """Return the lowest point of each part of each foot, as :meth:`points`, of feet as :meth:`feet` gives them."""
         return torch.cat([self._points(*part) for part in zip(pos_w.split(_CHUNK), quat_w.split(_CHUNK), strict=True)])
 
     def _points(self, pos_w: Tensor, quat_w: Tensor) -> Tensor:
@@ -75,7 +75,7 @@ class Soles:
 
 
 def stance(points: Tensor, fps: float) -> Tensor:
-    """Whether the lower foot rests ``[T]``, by the speed of its lowest point; ``points`` as :class:`Soles` gives them.
+    """Return whether the lower foot rests ``[T]``, by the speed of its lowest point, of the points of :class:`Soles`.
 
     A foot that floats rests as well as one on the floor, so this finds the frames in which a foot should be on it.
     """
@@ -88,7 +88,7 @@ def stance(points: Tensor, fps: float) -> Tensor:
 
 
 def ground_level(points: Tensor, fps: float, lowest: np.ndarray | None = None) -> float:
-    """Height of the lower foot while it rests, median (m): where a clip believes that the floor is.
+    """Return the height of the lower foot while it rests, median (m): where a clip believes that the floor is.
 
     A clip in which no foot ever rests is measured by its lowest frame.
 
@@ -120,19 +120,19 @@ def contact_slip(points: Tensor, level: float, fps: float) -> float:
 
 
 def foot_steps(points: Tensor) -> tuple[Tensor, Tensor]:
-    """The lowest point of each foot in all frames but the last, and the same point a frame later: ``[2, T - 1, 3]``."""
+    """Return the lowest point of each foot in all frames but the last, and a frame later: ``[2, T - 1, 3]`` each."""
     feet = points.transpose(0, 1)  # (2, T, P, 3)
     lowest = feet[:, :-1, :, 2].argmin(-1)[..., None, None].expand(-1, -1, 1, 3)
     return feet[:, :-1].gather(2, lowest)[:, :, 0], feet[:, 1:].gather(2, lowest)[:, :, 0]
 
 
 def in_contact(before: Tensor, after: Tensor, level: float) -> Tensor:
-    """Whether points ``[*B, 3]`` are within 2 cm of the level that the feet rest on (m), a frame later as well."""
+    """Return whether points ``[*B, 3]`` are within 2 cm of the level that the feet rest on (m), and a frame later."""
     return (before[..., 2] < level + CONTACT_HEIGHT) & (after[..., 2] < level + CONTACT_HEIGHT)
 
 
 def lowest_step(points: Tensor) -> tuple[Tensor, Tensor]:
-    """The lowest of all points in all frames but the last, and the same point a frame later: ``[T - 1, 3]`` each."""
+    """Return the lowest of all points in all frames but the last, and that point a frame later: ``[T - 1, 3]`` each."""
     flat = points.flatten(1, 2)
     lowest = flat[:-1, :, 2].argmin(-1)
     rows = torch.arange(len(flat) - 1)

@@ -33,7 +33,7 @@ _LEVEL_SECONDS = 0.15
 
 
 def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) -> MotionClip:
-    """The clip with its feet on the floor.
+    """Return the clip with its feet on the floor.
 
     Args:
         clip: a motion that floats or sinks.
@@ -79,7 +79,7 @@ def ground_feet(clip: MotionClip, how: Grounding = "clip", robot: Robot = G1) ->
 
 
 def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
-    """The clip with the soles of standing feet level, as far as the ankles reach.
+    """Return the clip with the soles of standing feet level, as far as the ankles reach.
 
     Motion that was estimated from video stands on the edges of its feet, tilted by ten to thirty degrees: a pose that a
     robot can only copy by balancing on its toes. Here the ankles are turned until the sole is level wherever a foot
@@ -135,7 +135,7 @@ def _ankle(robot: Robot, foot: int, name: str) -> tuple[int, int]:
 
 
 def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:
-    """The clip with every joint angle inside the joint's limits.
+    """Return the clip with every joint angle inside the joint's limits.
 
     Raises:
         MotionError: for a clip that is none of the robot's.
@@ -146,7 +146,7 @@ def clip_to_limits(clip: MotionClip, robot: Robot = G1) -> MotionClip:
 
 
 def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> MotionClip:
-    """The clip without its first ``start`` and last ``end`` seconds.
+    """Return the clip without its first ``start`` and last ``end`` seconds.
 
     Raises:
         MotionError: when less than two frames would be left.

@@ -53,7 +53,7 @@ class Tempo:
 
     @property
     def likely_rate(self) -> float:
-        """Frames a second with which the steps are as frequent as steps of that length usually are."""
+        """Return the frames a second with which the steps are as frequent as steps of that length usually are."""
         return self.frames * _STEPS_PER_SECOND * self.length**_POWER
 
     def ratio(self, fps: float) -> float:

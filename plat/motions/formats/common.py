@@ -81,7 +81,7 @@ class ReadOptions(Bounded):
 
     @cached_property
     def soles(self) -> Soles:
-        """Of the robot; made once for all files."""
+        """Return the soles of the robot; made once for all files."""
         return Soles(self.robot)
 
 
@@ -109,7 +109,7 @@ class MotionFile:
 
     @property
     def facts(self) -> str:
-        """Format, frame rate and notes of file and clips in one line."""
+        """Return format, frame rate and notes of file and clips in one line."""
         rates = sorted({round(clip.fps, 3) for clip in self.clips})
         notes = dict.fromkeys((*self.notes, *(note for clip in self.clips for note in clip.notes)))
         return ", ".join((self.format, f"{'/'.join(f'{rate:g}' for rate in rates)} fps", *notes))
@@ -211,7 +211,7 @@ def check_rate(fps: float) -> None:
 
 
 def number(value: Any, field: str) -> float:
-    """A number from a scalar or an array that holds one."""
+    """Return a number from a scalar or an array that holds one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, (str, bytes)):
@@ -223,7 +223,7 @@ def number(value: Any, field: str) -> float:
 
 
 def strings(value: Any, field: str) -> list[str]:
-    """Names from an array or list of strings."""
+    """Return the names from an array or list of strings."""
     listed = value.ravel().tolist() if isinstance(value, np.ndarray) else value
     if isinstance(listed, (list, tuple)):
         listed = [name.decode("utf-8", "replace") if isinstance(name, bytes) else name for name in listed]

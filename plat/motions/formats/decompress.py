@@ -24,7 +24,7 @@ _DECOMPRESSORS = (
 
 
 def size_limit(compressed: int) -> int:
-    """Largest content (bytes) that is believed of a compressed file: motions shrink a few times, bombs a thousandfold.
+    """Return the largest content (bytes) that is believed of a compressed file: bombs grow a thousandfold.
 
     >>> size_limit(1000) >> 20
     64
@@ -51,7 +51,7 @@ def check_numbers(numbers: int, compressed: int) -> None:
 
 
 def decompress(data: bytes) -> bytes:
-    """The content of a zlib, gzip, bz2, xz or lzma stream; data that is none of these comes back as it is.
+    """Return the content of a zlib, gzip, bz2, xz or lzma stream; data that is none of these comes back as it is.
 
     Raises:
         MotionError: when the stream ends too early, or holds more than :func:`size_limit`.

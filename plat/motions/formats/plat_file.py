@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plat.errors import MotionError
-from plat.json_file import short
+from plat.json_file import short, version_fault
 
 __all__ = ["ASSUMED", "RATE", "RESERVED", "check_clip_names", "is_marked", "write_archive"]
 
@@ -26,10 +26,17 @@ _LONGEST = 65_000  # bytes of a name: an archive counts them in 16 bits
 def is_marked(arrays: Mapping[str, np.ndarray]) -> bool:
     """Return whether the arrays of an archive are marked as plat's own.
 
+    Raises:
+        MotionError: for the mark of a version that is not read.
+
     >>> is_marked({"qpos": np.zeros((2, 36))})
     False
     """
-    return _MARK in arrays and arrays[_MARK].ndim == 0
+    if _MARK not in arrays or arrays[_MARK].ndim:
+        return False
+    if fault := version_fault(arrays[_MARK].item(), _VERSION):
+        raise MotionError(f"version ({_MARK!r}) {fault}")
+    return True
 
 
 def check_clip_names(names: Sequence[str]) -> None:

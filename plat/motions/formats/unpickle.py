@@ -74,7 +74,7 @@ class _DType:
 
 
 def unpickle(data: bytes) -> Any:
-    """The object in a pickle (any protocol, plain or by joblib), its arrays as :class:`PickledArray`.
+    """Return the object in a pickle (any protocol, plain or by joblib), its arrays as :class:`PickledArray`.
 
     Raises:
         MotionError: when the pickle names anything but arrays and plain data, with that name.

@@ -116,19 +116,19 @@ class _Lines:
         return self._following is not None
 
     def take(self, expected: str) -> list[str]:
-        """Next line; ``expected`` says what it should be when the file ends here."""
+        """Return the next line; ``expected`` says what it should be when the file ends here."""
         if self._following is None:
             raise MotionError(f"BVH file {str(self._path)!r}: ends where {expected} was expected")
         self._last, self._following = self._following, next(self._rows, None)
         return self._last[1]
 
     def wrong(self, expected: str) -> MotionError:
-        """The error for the line that was taken last."""
+        """Return the error for the line that was taken last."""
         number, row = self._last
         return MotionError(f"BVH file {str(self._path)!r}, line {number}: {' '.join(row)[:60]!r}, expected {expected}")
 
     def numbers(self, words: list[str], count: int, expected: str) -> list[float]:
-        """Words of the line that was taken last as ``count`` finite numbers."""
+        """Return the words of the line that was taken last as ``count`` finite numbers."""
         try:
             values = [float(word) for word in words]
         except ValueError:

@@ -22,7 +22,7 @@ _STILLNESS = 1e4
 
 
 def contact_weight(height: np.ndarray, position: np.ndarray, fps: float) -> np.ndarray:
-    """How sure it is that a toe stands on the ground, ``[T]`` in 0..1.
+    """Return how sure it is that a toe stands on the ground, ``[T]`` in 0..1.
 
     Args:
         height: above the ground ``[T]`` (m).
@@ -41,7 +41,7 @@ def contact_weight(height: np.ndarray, position: np.ndarray, fps: float) -> np.n
 
 
 def levelling(contact: np.ndarray, fps: float) -> np.ndarray:
-    """How far a foot is turned flat ``[T]`` in 0..1: nowhere less than in contact, and never all of it in one frame.
+    """Return how far a foot is turned flat ``[T]`` in 0..1: not less than in contact, and not all of it in one frame.
 
     Args:
         contact: how sure it is that it stands ``[T]`` in 0..1.
@@ -57,7 +57,7 @@ def levelling(contact: np.ndarray, fps: float) -> np.ndarray:
 
 
 def hold(path: np.ndarray, weight: np.ndarray, fps: float) -> np.ndarray:
-    """The path nearest to a given one that moves as it does where ``weight`` is 0 and stands still where it is 1.
+    """Return the path nearest to another that moves as it does where ``weight`` is 0, and stands where it is 1.
 
     Minimises, for every coordinate, ``sum_t a (x_t - path_t)^2 + k_t (dx_t - (1 - w_t) dpath_t)^2``, a tridiagonal
     system. The first term brings the result back to the path after contacts.
@@ -88,7 +88,7 @@ def hold(path: np.ndarray, weight: np.ndarray, fps: float) -> np.ndarray:
 
 
 def lift(depth: np.ndarray, fps: float) -> np.ndarray:
-    """Smooth height to raise a robot by so that nothing is below the ground.
+    """Return the smooth height to raise a robot by so that nothing is below the ground.
 
     Args:
         depth: of the lowest point below the ground ``[T]`` (m), negative above it.

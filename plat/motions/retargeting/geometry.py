@@ -49,12 +49,12 @@ class RobotGeometry:
 
     @property
     def leg(self) -> float:
-        """Thigh and shin together."""
+        """Return the length of thigh and shin together (m)."""
         return self.thigh + self.shin
 
     @property
     def ankle_height(self) -> float:
-        """Of the foot's frame above the floor when the foot is flat."""
+        """Return the height of the foot's frame above the floor when the foot is flat (m)."""
         return float(-self.sole[:, 2].min())
 
     @classmethod

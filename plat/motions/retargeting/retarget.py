@@ -259,7 +259,7 @@ def retarget_all(
     units: str | None = None,
     angles: Angles | None = None,
 ) -> Iterator[Retargeted | MotionError]:
-    """:func:`retarget` for many files, in their order; a file that cannot be used yields its error.
+    """Retarget many files as :func:`retarget` does, in their order; a file that cannot be used yields its error.
 
     Args:
         paths: files.

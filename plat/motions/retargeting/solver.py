@@ -68,7 +68,7 @@ class _Positions(mink.Task):
 
 
 def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) -> np.ndarray:
-    """Poses of the robot that come near the targets, within joint and speed limits.
+    """Return poses of the robot that come near the targets, within joint and speed limits.
 
     Each frame starts from the one before. Joint limits and the distance that a joint may have moved since the last
     frame are the bounds of mink's quadratic programs, so they hold whatever the targets are.

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import torch
 
 from plat.envs import MotionTrackingEnv, ResetNoise, TrackingTaskConfig, make_tracking_env
@@ -7,7 +9,7 @@ from plat.robots import G1
 
 STILL = ResetNoise(*[0.0] * 9)
 OFF = RandomizationRanges(
-    foot_friction=(0.8, 0.8),
+    foot_friction=None,
     torso_com=(0, 0, 0),
     encoder_bias=0,
     motor_gain=0,
@@ -82,6 +84,60 @@ def test_switched_off_changes_nothing(library):
         starts.sample = lambda count: torch.arange(count) * 10
         rollouts.append(env.rollout(30, lambda td: td.set("action", torch.zeros(4, 29)), break_when_any_done=False))
     torch.testing.assert_close(*(rollout["next", "robot", "joint_pos"] for rollout in rollouts))
+
+
+def test_a_friction_of_equal_ends_is_set_and_none_is_the_robots(library):
+    drawn = []
+    for friction, own in (((0.5, 0.5), False), (None, True)):
+        torch.manual_seed(0)
+        env = MotionTrackingEnv(library, 5)
+        ranges = RandomizationRanges(foot_friction=friction)
+        DomainRandomization(env, ranges)._reset_env_preprocess(None)
+        feet = [i for i in range(env.physics.model.ngeom) if "_foot" in env.physics.model.geom(i).name]
+        soles = env.physics.model_field("geom_friction")[:, feet, 0]
+        nominal = torch.from_numpy(env.physics.model.geom_friction[feet, 0]).expand_as(soles)
+        torch.testing.assert_close(soles, nominal if own else torch.full_like(soles, 0.5))
+        assert (nominal != 0.5).all()
+        drawn.append(env.encoder_bias)
+        assert ranges.scaled(0.5).foot_friction == (None if own else (0.75, 0.75))
+    assert torch.equal(*drawn)
+
+
+def test_every_half_width_of_0_leaves_the_robot_as_it_is(library):
+    """Of one quantity at a time: the draw says nothing of it, and the others of it as much as before."""
+    every = RandomizationRanges(
+        longer_delay=0.5,
+        torso_mass=1.0,
+        gyro_bias=0.1,
+        velocity_bias=0.1,
+        position_drift=0.1,
+        heading_drift=0.1,
+        height_error=0.1,
+    )
+    fields = ("geom_friction", "body_ipos", "body_mass", "actuator_gainprm", "actuator_biasprm")
+    kept = ("encoder_bias", "gyro_bias", "velocity_bias", "delay", "drift", "drift_rate")
+
+    def changed(ranges) -> set[str]:
+        env = MotionTrackingEnv(library, 20)
+        DomainRandomization(env, ranges)._reset_env_preprocess(None)
+        model, physics = env.physics.model, env.physics
+        of_model = {name for name in fields if (physics.model_field(name) != torch.tensor(getattr(model, name))).any()}
+        return of_model | {name for name in kept if getattr(env, name).any()}
+
+    assert changed(every) == {*fields, *kept}
+    for off, left in (
+        ({"foot_friction": None}, {"geom_friction"}),
+        ({"torso_com": (0, 0, 0)}, {"body_ipos"}),
+        ({"torso_mass": 0.0}, {"body_mass"}),
+        ({"motor_gain": 0.0}, {"actuator_gainprm", "actuator_biasprm"}),
+        ({"encoder_bias": 0.0}, {"encoder_bias"}),
+        ({"control_delay": 0.0}, {"delay"}),
+        ({"gyro_bias": 0.0}, {"gyro_bias"}),
+        ({"velocity_bias": 0.0}, {"velocity_bias"}),
+        ({"height_error": 0.0}, {"drift"}),
+        ({"position_drift": 0.0, "heading_drift": 0.0}, {"drift_rate"}),
+    ):
+        assert {*fields, *kept} - changed(replace(every, **off)) == left
 
 
 def test_only_reset_robots_are_drawn_anew(library):

@@ -578,3 +578,13 @@ def test_who_lies_in_a_unit_that_is_not_to_be_told_is_refused(tmp_path):
         load_motions(tmp_path / "a.npz")
     (found,) = load_motions(tmp_path / "a.npz", units="cm")
     np.testing.assert_allclose(found.qpos[:, 2], 0.3)
+
+
+@pytest.mark.parametrize(("mark", "told"), [(2, "is 2, this plat reads up to 1: update plat"), (0, "is 0, expected 1")])
+def test_an_archive_of_a_newer_plat_is_refused(tmp_path, mark, told):
+    save_motions(tmp_path / "own.npz", [bowing_clip()])
+    with np.load(tmp_path / "own.npz") as archive:
+        arrays = dict(archive)
+    np.savez(tmp_path / "own.npz", **{**arrays, "plat_motions": np.int64(mark)})
+    with pytest.raises(MotionError, match=rf"own.npz'.*version \('plat_motions'\) {told}"):
+        load_motions(tmp_path / "own.npz")

@@ -22,11 +22,13 @@ export function verdict(robot, before, after, seconds, held) {
   return { words, joint: speeds[worst] ? joints[worst] : "", speed: speeds[worst], share: speeds[worst] / limits.joint_speed };
 }
 
-function way(before, after, seconds, [horizontal, , orientation], limits) {
+function way(before, after, seconds, [horizontal, height, orientation], limits) {
   const words = [], distance = horizontal * apart(before.slice(0, 2), after.slice(0, 2)), speed = (2 * distance) / seconds, push = (4 * distance) / seconds ** 2;
   const turn = (2 * orientation * angle(before.slice(3, 7), after.slice(3, 7))) / seconds, takes = `${distance.toFixed(1)} m in ${seconds.toFixed(2)} s takes`;
   if (speed > limits.root_speed) words.push(`${takes} ${speed.toFixed(1)} m/s`);
   if (push > limits.root_acceleration) words.push(`${takes} ${push.toFixed(0)} m/s^2, more than feet can push`);
+  const rise = height * (after[2] - before[2]), vertical = (2 * Math.abs(rise)) / seconds;
+  if (vertical > limits.vertical_speed) words.push(`${Math.abs(rise).toFixed(1)} m ${rise > 0 ? "up" : "down"} in ${seconds.toFixed(2)} s takes ${vertical.toFixed(1)} m/s`);
   if (turn > limits.turn_speed) words.push(`the turn would need ${tenths(turn)} rad/s, expected at most ${tenths(limits.turn_speed)}`);
   return words;
 }
@@ -61,14 +63,19 @@ function bodies(robot, before, after, seconds, flags) {
       ...under(name, to[body].pos[2]),
     ];
   });
-  return [...words, ...(flags[flags.length - 2] ? under("root", after.qpos[2]) : [])];
+  const above = after.qpos[2] - robot.site.default_qpos[2];
+  const high = above > limits.clearance ? [`root is ${cm(above)} cm above where it is in standing, higher than a jump`] : [];
+  return [...words, ...(flags[flags.length - 2] ? [...under("root", after.qpos[2]), ...high] : [])];
 }
 
 function pose(robot, qpos, held) {
   const { limits } = robot.site, { sunk } = robot.contacts(qpos), words = [];
   if (sunk > limits.floor_penetration) words.push(`the robot is ${cm(sunk)} cm inside the floor`);
-  if (!held) return words;
   const points = robot.solePoints(qpos).flat(), height = Math.min(...points.map((point) => point[2]));
+  if (!held) {
+    const lowest = Math.min(height, ...robot.points(qpos).map(({ pos }) => pos[2]));
+    return lowest > limits.clearance ? [...words, `the robot is ${cm(lowest)} cm above the floor, higher than a jump`] : words;
+  }
   if (height > limits.floating) return [...words, `the feet are ${cm(height)} cm above the floor`];
   const gap = margin(robot.center(qpos), points.filter((point) => point[2] < height + limits.floating));
   return gap < limits.support_margin ? [...words, `the center of mass is ${cm(-gap)} cm outside the feet: it would tip over`] : words;

@@ -183,6 +183,7 @@ export function read(text, site) {
   checkFields(text);
   if (!isObject(content) || content.format !== "plat-keyframes") throw new Error("not a keyframe file, expected an object with 'format': 'plat-keyframes'");
   const { version, quaternion_order: order } = content;
+  if (Number.isInteger(version) && version > 2) throw new Error(`version is ${shown(version)}, this plat reads up to 2: update plat`);
   if (version !== 1 && version !== 2) throw new Error(`version is ${shown(version)}, expected 1 or 2`);
   fields(content, ["format", "version", "robot", "quaternion_order", "keyframes"], ["start"], "");
   if (content.robot !== site.robot) throw new Error(`robot is ${shown(content.robot)}, expected '${site.robot}'`);

@@ -7,7 +7,7 @@ const SOON = 0.2;
 export class Policy {
   static async open(ort, folder, name, robot, fetched) {
     const bundle = JSON.parse(new TextDecoder().decode(await fetched(`${folder}/bundle.json`)));
-    if (bundle.format !== "plat-bundle" || bundle.version !== 1) throw new Error(`${name}: not a bundle of version 1`);
+    if (bundle.format !== "plat-bundle" || bundle.version !== 1) throw new Error(`${name}: not a bundle of version 1, which this page reads`);
     if (bundle.robot.joint_names.join() !== robot.site.joints.join()) throw new Error(`${name}: drives other joints`);
     const session = await ort.InferenceSession.create(await fetched(`${folder}/policy.onnx`), { executionProviders: ["wasm"] });
     return Object.assign(new Policy(), {
