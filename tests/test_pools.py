@@ -44,8 +44,8 @@ def test_a_pool_that_is_left_by_a_key_waits_for_nothing():
     pool.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
     with pytest.raises((CancelledError, BrokenProcessPool)):  # whichever comes first
         futures[-1].result(60)
-    process.join(60)
-    assert not process.is_alive()
+    while process.is_alive() and time.monotonic() - began < 200:  # a thread of the pool waits for it as well
+        time.sleep(0.01)
     assert time.monotonic() - began < 200
 
 

@@ -1,6 +1,7 @@
 """What a policy depends on of its robot: kept with a run, and compared with the robot of that name at its loading."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +63,9 @@ def check_trained_for(spec: Any, robot: Robot, path: Path) -> None:
     if not isinstance(kept, dict):
         raise CheckpointError(f"{where} is {short(kept)}, expected an object")
     for name in (*_NAMES, *_NUMBERS):
-        kind = str if name in _NAMES else (int, float)
+        fits = _is_name if name in _NAMES else _is_number
         values = kept.get(name)
-        if not isinstance(values, list) or not all(isinstance(value, kind) for value in values):
+        if not isinstance(values, list) or not all(map(fits, values)):
             what = "names" if name in _NAMES else "numbers"
             raise CheckpointError(f"{where}.{name} is {short(values)}, expected a list of {what}")
         if difference := _difference(name, values, now[name], now["joints"]):
@@ -72,6 +73,15 @@ def check_trained_for(spec: Any, robot: Robot, path: Path) -> None:
                 f"{where}: {difference} as robot {robot.name!r} is now: give the changed robot another name, or remove "
                 f"{TRAINED_FOR!r} from the file if the policy is to drive it as it is"
             )
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_number(value: Any) -> bool:
+    # a whole number may be too large for a float
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < sys.float_info.max
 
 
 def _difference(name: str, was: list[Any], now: list[Any], joints: list[str]) -> str:

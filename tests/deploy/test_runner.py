@@ -238,7 +238,7 @@ def test_files_of_two_exports(copy):
 def test_of_another_version(copy):
     text = (copy / "bundle.json").read_text()
     (copy / "bundle.json").write_text(text.replace('"version": 1', '"version": 2'))
-    with pytest.raises(BundleError, match="bundle.json': version: is 2, expected 1"):
+    with pytest.raises(BundleError, match="bundle.json': version: is 2, this plat reads up to 1: update plat"):
         PolicyRunner(copy)
 
 

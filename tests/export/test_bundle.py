@@ -78,7 +78,7 @@ def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path, written_o
     card = (tmp_path / "bundle" / "README.md").read_text()
     assert "| `bandai.npz` |" in card
     assert "| `asap.npz` |" in card
-    assert "strictest of these licenses: CC BY-NC 4.0." in card
+    assert "The strictest of these licenses, if the names of the files are right: CC BY-NC 4.0." in card
 
 
 def test_a_renamed_run_keeps_its_scores(tmp_path, written_once):

@@ -156,8 +156,8 @@ def _settings(folder: Path) -> Iterator[Subject]:
     constraints = folder / "constraints.json"
     write_constraints(constraints, G1, (pose, pose.at(0.5)))
     yield _one("constraints", constraints, lambda path: read_constraints(path, G1))
-    yield _one("robot", _ROBOT, read_robot)
     files = {path.name: path.read_bytes() for path in (_ROBOT, _ROBOT.with_suffix(".xml"))}
+    yield Subject("robot", files, _ROBOT.name, _KINDS[".json"], read_robot, _ROBOT.name)
     yield Subject("model of a robot", files, "toy.xml", "text", _read_model, "toy.json")
     manifest = folder / "manifest.csv"
     manifest.write_text("clip,family,seconds\nwalk_001,walk,3.5\nbow_002,bow,2\n")

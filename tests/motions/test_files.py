@@ -268,7 +268,7 @@ def test_files_that_cannot_be_written_are_named(tmp_path, clip):
         (lambda: save_csv(tmp_path, long), "x.*_30fps.csv': cannot be written: File name too long"),
         (lambda: save_motions(tmp_path / ("x" * 300), [clip]), "x.npz': cannot be written: File name too long"),
         (lambda: save_csv(tmp_path / "a.npz", clip), "a.npz': is a file, expected a folder"),
-        (lambda: save_motions("", [clip]), "is a folder, expected a file"),
+        (lambda: save_motions("", [clip]), "motion file '': is empty, expected a path"),
         (lambda: save_motions(tmp_path / "a\0b", [clip]), "cannot be written: its name holds a null byte"),
         (lambda: save_csv(tmp_path / "a\0b", clip), "cannot be written: its name holds a null byte"),
     ):
