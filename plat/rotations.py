@@ -21,6 +21,7 @@ __all__ = [
     "quat_rotate",
     "quat_rotate_inverse",
     "quat_slerp",
+    "quat_tilt",
     "quat_to_matrix",
     "quat_to_rotvec",
     "quat_yaw",
@@ -184,6 +185,15 @@ def quat_yaw(quat: Tensor) -> Tensor:
     half_yaw = 0.5 * torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     zero = torch.zeros_like(half_yaw)
     return torch.stack((half_yaw.cos(), zero, zero, half_yaw.sin()), -1)
+
+
+def quat_tilt(quat: Tensor) -> Tensor:
+    """Return the vertical component ``[*B]`` of gravity in the frame of a body ``[*B, 4]``: -1 when it is upright.
+
+    >>> quat_tilt(torch.tensor([1.0, 0.0, 0.0, 0.0])).item()
+    -1.0
+    """
+    return 2 * quat[..., 1:3].square().sum(-1) - 1
 
 
 def yaw_multiply(yaw: Tensor, quat: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from plat.deploy import Pose, RobotState
 from plat.errors import KeyframeError, PlatError
 from plat.json_file import short
 from plat.keyframes import Command, Keyframe, KeyframeSequence
+from plat.keyframes.sequence import check_sequence
 from plat.spec.parts import whole_only
 from plat.spec.timing import Timing
 
@@ -209,7 +210,6 @@ def _check_controller(controller: Controller) -> None:
 
 def _for_controller(sequence: KeyframeSequence, controller: Controller) -> KeyframeSequence:
     """Return a sequence at the timing of a controller that can follow it."""
-    if not isinstance(sequence, KeyframeSequence):
-        raise KeyframeError(f"chase: sequence is {short(sequence)}, expected a KeyframeSequence")
+    check_sequence("chase: sequence", sequence)
     check_parts_are_seen(sequence, controller)
     return sequence.with_timing(controller.timing)

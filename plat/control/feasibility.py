@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from plat.bounds import Bounded, Range, check_robot, check_value
 from plat.errors import KeyframeError
-from plat.json_file import short
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.keyframes.keyframe import check_keyframe
+from plat.keyframes.sequence import check_sequence
 from plat.motions.checks.collision import link_contacts
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
@@ -155,8 +155,7 @@ class Feasibility:
         Raises:
             KeyframeError: for a sequence of another robot.
         """
-        if not isinstance(keyframes, KeyframeSequence):
-            raise KeyframeError(f"keyframes is {short(keyframes)}, expected a KeyframeSequence")
+        check_sequence("keyframes", keyframes)
         following = (*keyframes.keyframes[1:], None)
         triples = zip(keyframes.arrived[:-1], keyframes.keyframes, following, strict=True)
         return tuple(self(before, now, held=after is None or _same(now, after)) for before, now, after in triples)

@@ -7,8 +7,8 @@ import torch
 from plat.bounds import check_value
 from plat.control.feasibility import WAY_PARTS, Feasibility
 from plat.errors import KeyframeError
-from plat.json_file import short
 from plat.keyframes import Keyframe, KeyframeSequence
+from plat.keyframes.sequence import check_sequence
 from plat.robots import Robot
 from plat.spec.timing import Timing
 from plat.tasks.ways_around import WaysAround
@@ -69,8 +69,7 @@ def lead_around(sequence: KeyframeSequence) -> KeyframeSequence:
     >>> [keyframe.time for keyframe in lead_around(crossed).keyframes]
     [1.0, 1.5, 2.0]
     """
-    if not isinstance(sequence, KeyframeSequence):
-        raise KeyframeError(f"sequence is {short(sequence)}, expected a KeyframeSequence")
+    check_sequence("sequence", sequence)
     robot = sequence.robot
     if not isinstance(robot, Robot):
         raise KeyframeError(f"robot {robot!r:.80}: expected one with a description of its links")

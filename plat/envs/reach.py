@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plat.envs.settings import ReachLimits
 from plat.robots.robot import Robot
-from plat.rotations import quat_angle
+from plat.rotations import quat_angle, quat_tilt
 from plat.spec.proportions import in_proportion
 
 __all__ = ["SAG", "Distances", "LowestRoot", "distances", "down"]
@@ -82,11 +82,11 @@ class LowestRoot:
 
     Attributes:
         height: of the root ``[N]`` (m).
-        up: vertical component of the root's z axis ``[N]``: 1 upright, 0 lying, -1 upside down.
+        tilt: of the root ``[N]``, see :func:`plat.rotations.quat_tilt`: -1 upright, 0 lying, 1 upside down.
     """
 
     height: Tensor
-    up: Tensor
+    tilt: Tensor
 
     @classmethod
     def of(cls, pos: Tensor, quat: Tensor) -> "LowestRoot":
@@ -99,10 +99,10 @@ class LowestRoot:
         >>> standing_and_lying = torch.tensor([[[0.0, 0.0, 0.76], [0.0, 0.0, 0.1]]])
         >>> upright_and_tilted = torch.tensor([[[1.0, 0.0, 0.0, 0.0], [0.5**0.5, 0.0, 0.5**0.5, 0.0]]])
         >>> lowest = LowestRoot.of(standing_and_lying, upright_and_tilted)
-        >>> round(float(lowest.height), 3), round(float(lowest.up), 3)
+        >>> round(float(lowest.height), 3), abs(round(float(lowest.tilt), 3))
         (0.1, 0.0)
         """
-        return cls(pos[..., 2].amin(-1), _up(quat).amin(-1))
+        return cls(pos[..., 2].amin(-1), quat_tilt(quat).amax(-1))
 
 
 def down(state: TensorDictBase, lowest: LowestRoot, robot: Robot, limits: ReachLimits) -> Tensor:
@@ -119,9 +119,4 @@ def down(state: TensorDictBase, lowest: LowestRoot, robot: Robot, limits: ReachL
     """
     height, low = state["keypoint_pos_w"][:, 0, 2], limits.fallen_below(robot.root_height)
     meant = lowest.height < low + in_proportion(SAG, robot.root_height)
-    return ((height < low) & ~meant) | (lowest.up - _up(state["keypoint_quat_w"][:, 0]) > limits.fallen_tilt)
-
-
-def _up(quat: Tensor) -> Tensor:
-    """Return the vertical component ``[*B]`` of the z axes of orientations ``[*B, 4]``."""
-    return 1 - 2 * quat[..., 1:3].square().sum(-1)
+    return ((height < low) & ~meant) | (quat_tilt(state["keypoint_quat_w"][:, 0]) - lowest.tilt > limits.fallen_tilt)

@@ -152,7 +152,7 @@ class AuthoredRollout:
         """Return the lowest roots ``[C]`` that robots are told to have in a step."""
         command = (self.arrivals < number).sum(-1)
         chain = torch.arange(len(command), device=command.device)
-        return LowestRoot(self.lowest.height[chain, command], self.lowest.up[chain, command])
+        return LowestRoot(self.lowest.height[chain, command], self.lowest.tilt[chain, command])
 
     def off_in_window(self, step: AuthoredStep, parts: Tensor, limits: TerminationLimits) -> Tensor:
         """Return in which arrival windows a robot is off in a step ``[C, K]``.

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from plat.motions.clip import MotionClip
     from plat.robots.robot import Robot
 
-__all__ = ["Command", "KeyframeSequence", "split_long_intervals"]
+__all__ = ["Command", "KeyframeSequence", "check_sequence", "split_long_intervals"]
 
 
 @dataclass(frozen=True)
@@ -290,6 +290,16 @@ class KeyframeSequence:
             replace(pose, time=round(pose.time - begin, 9), name=name) for pose, name in zip(poses, labels, strict=True)
         )
         return cls(robot, Keyframe.from_motion(motion, begin, robot).at(0.0), tuple(keyframes), timing)
+
+
+def check_sequence(what: str, given: object) -> None:
+    """Raise an error for what is no keyframe sequence.
+
+    Raises:
+        KeyframeError: beginning with ``what``.
+    """
+    if not isinstance(given, KeyframeSequence):
+        raise KeyframeError(f"{what} is {short(given)}, expected a KeyframeSequence")
 
 
 def split_long_intervals(

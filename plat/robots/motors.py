@@ -46,9 +46,9 @@ def adopt_limits(spec: mujoco.MjSpec, where: str) -> tuple[str, ...]:
         if given := [limit for limit in limits if limit is not None]:
             actuator.forcerange, actuator.forcelimited = [-min(given), min(given)], _ON
             joint.actfrcrange, joint.actfrclimited = [0, 0], int(mujoco.mjtLimited.mjLIMITED_FALSE)
-        targets = _targets(actuator, _joint_range(joint, spec))
+        low, high = _joint_range(joint, spec)
+        targets = _targets(actuator, low, high)
         if targets is not None:
-            low, high = _joint_range(joint, spec)
             if targets[0] > low + _ROUNDED or targets[1] < high - _ROUNDED:
                 raise RobotError(
                     f"{told} has ctrlrange {targets[0]:g} {targets[1]:g} inside the joint's range {low:g} {high:g}, "
@@ -123,10 +123,10 @@ def _joint_range(joint: mujoco.MjsJoint, spec: mujoco.MjSpec) -> tuple[float, fl
     return float(joint.range[0]) * unit, float(joint.range[1]) * unit
 
 
-def _targets(actuator: mujoco.MjsActuator, joint_range: tuple[float, float]) -> tuple[float, float] | None:
-    """Return the lowest and highest target of an actuator (rad); None where it has no limits."""
+def _targets(actuator: mujoco.MjsActuator, low: float, high: float) -> tuple[float, float] | None:
+    """Return the lowest and highest target of an actuator of a joint (rad); None where it has no limits."""
     if actuator.inheritrange > 0:
-        middle, half = sum(joint_range) / 2, (joint_range[1] - joint_range[0]) / 2
+        middle, half = (low + high) / 2, (high - low) / 2
         return middle - actuator.inheritrange * half, middle + actuator.inheritrange * half
     if not _is_limited(actuator.ctrllimited, actuator.ctrlrange):
         return None

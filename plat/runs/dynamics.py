@@ -48,10 +48,12 @@ def load_dynamics(
     """
     device = check_device(device)
     folder = run_folder(folder)
-    path, dt = folder / DYNAMICS_FILE, _control_dt(folder)
+    path, told_in = folder / DYNAMICS_FILE, folder / CONFIG_FILE
+    policy = read_config(folder).get("policy")
+    dt = _control_dt(policy, told_in)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected a run of imagination (`plat imagine`)")
-    check_trained_for(read_config(folder).get("policy"), robot, folder / CONFIG_FILE)
+    check_trained_for(policy, robot, told_in)
     try:
         weights = load_file(path)
         if broken := [name for name, tensor in weights.items() if not torch.isfinite(tensor).all()]:
@@ -78,13 +80,12 @@ def _hidden(weights: dict[str, Tensor]) -> tuple[int, ...]:
     return tuple(len(weights[f"network.{2 * layer}.weight"]) for layer in range(layers - 1))
 
 
-def _control_dt(folder: Path) -> float:
-    """Return the control step (s) of the policy that a run's ``config.json`` describes.
+def _control_dt(policy: Any, path: Path) -> float:
+    """Return the control step (s) of the policy that a run's ``config.json`` describes, at that path.
 
     Raises:
         CheckpointError: naming file and field, when there is no such control step.
     """
-    policy: Any = read_config(folder).get("policy")
     timing: Any = {}
     while isinstance(policy, dict) and not timing:  # what is built on a student has the student's
         config, policy = policy.get("config"), policy.get("student")
@@ -92,4 +93,4 @@ def _control_dt(folder: Path) -> float:
     try:
         return Timing(**timing).control_dt
     except (ArithmeticError, ConfigError, TypeError) as error:
-        raise CheckpointError(f"{str(folder / CONFIG_FILE)!r}: policy: {error}") from None
+        raise CheckpointError(f"{str(path)!r}: policy: {error}") from None

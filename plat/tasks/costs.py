@@ -6,7 +6,7 @@ from plat.envs.state import GeneralizedState
 from plat.tasks.distances import smooth_angle, smooth_length
 from plat.tasks.settings import AuthoredCosts, TrackingCosts
 
-__all__ = ["AuthoredCosts", "TrackingCosts", "pose_cost", "tilt", "tracking_cost"]
+__all__ = ["AuthoredCosts", "TrackingCosts", "pose_cost", "tracking_cost"]
 
 
 def pose_cost(state: GeneralizedState, pose: GeneralizedState, weights: TrackingCosts) -> Tensor:
@@ -26,13 +26,3 @@ def tracking_cost(state: GeneralizedState, reference: GeneralizedState, weights:
         + weights.root_ang_vel * (state.root_ang_vel_b - reference.root_ang_vel_b).abs().mean(-1)
         + weights.joint_vel * (state.joint_vel - reference.joint_vel).abs().mean(-1)
     )
-
-
-def tilt(quat: Tensor) -> Tensor:
-    """Return the vertical component ``[*B]`` of gravity in a body's frame: -1 when it is upright.
-
-    >>> import torch
-    >>> tilt(torch.tensor([1.0, 0, 0, 0])).item()
-    -1.0
-    """
-    return 2 * quat[..., 1:3].square().sum(-1) - 1

@@ -13,8 +13,8 @@ from plat.envs.tracking import ResetNoise
 from plat.envs.transforms import NEXT_FRAME
 from plat.motions.library import MotionLibrary
 from plat.robots.kinematics import ForwardKinematics
-from plat.rotations import quat_angle
-from plat.tasks.costs import TrackingCosts, tilt, tracking_cost
+from plat.rotations import quat_angle, quat_tilt
+from plat.tasks.costs import TrackingCosts, tracking_cost
 from plat.tasks.near_miss import NearMiss, end_effector_mask
 from plat.tasks.partial import points_cost
 from plat.tasks.pose_table import PoseTable
@@ -166,5 +166,5 @@ def off_reference(
     return (
         (off[..., 2].abs() > height)
         | (off.norm(dim=-1) > distance)
-        | ((tilt(state.root_quat_w) - tilt(reference.root_quat_w)).abs() > tilted)
+        | ((quat_tilt(state.root_quat_w) - quat_tilt(reference.root_quat_w)).abs() > tilted)
     )
