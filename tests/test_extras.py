@@ -16,8 +16,9 @@ from plat.cli import studio
 from plat.collectors.cluster import check_ray
 from plat.deploy.onnx_session import open_session
 from plat.envs.settings import check_physics
-from plat.errors import PlatError
+from plat.errors import PlatError, RenderingError
 from plat.export.onnx_file import onnx_model
+from plat.extras import importing
 from plat.figures.pyplot import pyplot
 from plat.motions.retargeting import retarget
 from plat.motions.retargeting.yaml_file import read_yaml
@@ -101,9 +102,29 @@ def test_every_package_of_an_extra_is_hidden_above():
                 imported |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 imported.add(str(node.module).partition(".")[0])
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "find_spec")):
-                imported |= {one.value.partition(".")[0] for one in node.args if isinstance(one, ast.Constant)}
+            elif isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                asked = node.args[2:] if called == "require" else node.args
+                if called.endswith(("import_module", "find_spec", "require")):
+                    imported |= {one.value.partition(".")[0] for one in asked if isinstance(one, ast.Constant)}
     optional = imported - always - set(sys.stdlib_module_names) - {"plat"}
     names = {package for package, _ in USES}
     assert optional - set(WITH_ANOTHER) <= names
     assert {"onnx", "ray", "viser"} <= optional
+
+
+@pytest.mark.parametrize(
+    "raised", [ImportError("libbroken.so.1: not found\nelsewhere"), ModuleNotFoundError("", name="json.no")]
+)
+def test_a_package_that_is_installed_and_broken_is_not_said_to_be_missing(raised):
+    with (
+        pytest.raises(RenderingError, match="^figures need packages of 'plat-rl.figures.', which are") as told,
+        importing("figures", "figures need", RenderingError),
+    ):
+        raise raised
+    assert str(told.value).endswith(("cannot be imported: libbroken.so.1: not found", "imported: ModuleNotFoundError"))
+
+
+def test_what_is_not_about_imports_is_left_alone():
+    with pytest.raises(KeyError), importing("figures", "figures need"):
+        raise KeyError("a")

@@ -14,6 +14,7 @@ LAYERS = [
     "version",
     "words",
     "errors",
+    "extras",
     "streams",
     "pools",
     "bounds",

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from plat.deploy.onnx_session import open_session
 from plat.errors import CheckpointError
+from plat.extras import importing
 
 __all__ = ["OnnxPolicy"]
 
@@ -45,12 +46,8 @@ class OnnxPolicy:
         Raises:
             CheckpointError: when there is none of that name; when the package onnx is not installed.
         """
-        try:
+        with importing("baselines", f"ONNX policy {str(self._path)!r}: reading its constants needs", CheckpointError):
             import onnx  # only for networks whose constants are asked for
-        except ImportError as error:
-            raise CheckpointError(
-                f"ONNX policy {str(self._path)!r}: its constants are read with onnx: pip install 'plat-rl[baselines]'"
-            ) from error
         graph = onnx.load(self._path).graph
         for initializer in graph.initializer:
             if initializer.name == name:

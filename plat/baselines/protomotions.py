@@ -11,6 +11,7 @@ from torch import Tensor
 from plat.baselines.tracker import Tracker, tuned_robot
 from plat.deploy.onnx_session import open_session
 from plat.errors import CheckpointError
+from plat.extras import importing
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 
@@ -141,12 +142,8 @@ class _Described:
 
     def __init__(self, path: Path):
         self.path = str(path)
-        try:
+        with importing("baselines", f"{self.path!r}: reading settings needs", CheckpointError):
             import yaml
-        except ImportError as error:
-            raise CheckpointError(
-                f"{self.path!r}: settings are read with PyYAML: pip install 'plat-rl[baselines]'"
-            ) from error
         try:
             self._content = yaml.safe_load(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

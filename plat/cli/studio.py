@@ -21,6 +21,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.options import StudioRecipe
 from plat.errors import StudioError
+from plat.extras import importing
 from plat.files import expand_home
 from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
@@ -33,11 +34,9 @@ from plat.runs.user_modules import import_modules
 def main(recipe: StudioRecipe) -> None:
     """Run the recipe until it is interrupted."""
     check_together(recipe)
-    try:
+    with importing("studio", "the studio needs", StudioError):
         from plat.studio.app import Studio
         from plat.studio.session import Session
-    except ImportError as error:
-        raise StudioError("the studio needs: pip install 'plat-rl[studio]'") from error
     # networks for one robot are so small that more threads only get in each other's way
     torch.set_num_threads(1)
     import_modules(recipe.imports)

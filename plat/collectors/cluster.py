@@ -4,11 +4,11 @@ import importlib
 import logging
 import os
 from collections.abc import Sequence
-from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
 from plat.errors import ConfigError, WorkerError
+from plat.extras import require
 from plat.words import counted
 
 __all__ = ["Cluster", "check_ray", "most_each"]
@@ -20,8 +20,7 @@ def check_ray() -> None:
     Raises:
         ConfigError: saying what to install.
     """
-    if find_spec("ray") is None:
-        raise ConfigError("--ray needs: pip install 'plat-rl[ray]'")
+    require("ray", "--ray needs", "ray", error=ConfigError)
 
 
 class Cluster:

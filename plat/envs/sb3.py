@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError as error:
-    raise ImportError("plat.envs.sb3 needs: pip install 'plat-rl[sb3]'", name=error.name) from error
-
 from plat.errors import PlatError
+from plat.extras import importing
+
+with importing("sb3", "plat.envs.sb3 needs", ImportError):
+    from stable_baselines3.common.vec_env import VecEnv
 
 __all__ = ["BatchVecEnv"]
 

@@ -1,12 +1,12 @@
 """Settings of the simulation, and of what counts as reached in it."""
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Literal, TypeAlias
 
 from plat.bounds import Bounded, NonNegative, Positive
 from plat.envs.transforms.settings import TerminationLimits
 from plat.errors import ConfigError
+from plat.extras import require
 from plat.spec.proportions import in_proportion
 
 __all__ = ["HOLD", "PhysicsName", "ReachLimits", "ResetNoise", "check_physics"]
@@ -27,8 +27,8 @@ def check_physics(name: PhysicsName) -> None:
 
     >>> check_physics("mujoco")
     """
-    if name == "warp" and None in (find_spec("warp"), find_spec("mujoco_warp")):
-        raise ConfigError("--physics warp needs: pip install 'plat-rl[warp]'")
+    if name == "warp":
+        require("warp", "--physics warp needs", "warp", "mujoco_warp", error=ConfigError)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 import logging
 import warnings
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import Any
 
 import torch
@@ -11,6 +10,7 @@ from torch import nn
 
 from plat.deploy.bundle import INPUT, OUTPUT
 from plat.errors import BundleError
+from plat.extras import require
 
 __all__ = ["OPSET", "onnx_model"]
 
@@ -31,8 +31,7 @@ def onnx_model(network: nn.Module, num_features: int, metadata: Mapping[str, str
     Raises:
         BundleError: when onnx or onnxscript is not installed, or the network uses an operation that ONNX lacks.
     """
-    if not (find_spec("onnx") and find_spec("onnxscript")):
-        raise BundleError("exporting needs: pip install 'plat-rl[export]'")
+    require("export", "exporting needs", "onnx", "onnxscript", error=BundleError)
     import onnx
 
     # its warnings on torchvision and on its own deprecated calls do not concern the user

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.errors import RenderingError
+from plat.extras import importing
 from plat.files import replace_file
 
 __all__ = ["pyplot", "write_figure"]
@@ -15,10 +16,8 @@ def pyplot() -> Any:
     Raises:
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
-    try:
+    with importing("figures", "figures need", RenderingError):
         import matplotlib
-    except ImportError as error:
-        raise RenderingError("figures need: pip install 'plat-rl[figures]'") from error
     matplotlib.use("Agg")
     import matplotlib.pyplot
 

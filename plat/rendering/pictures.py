@@ -13,6 +13,7 @@ import numpy as np
 
 from plat.bounds import Count, Positive, check_robot, check_value
 from plat.errors import RenderingError, StateError
+from plat.extras import importing
 from plat.files import as_path, check_file, is_full, replace_file
 from plat.headless import unusable
 from plat.progress import tracked
@@ -269,11 +270,9 @@ def write_picture(path: str | Path, picture: np.ndarray) -> None:
 
 
 def _imageio() -> Any:
-    try:
+    with importing("video", "pictures and videos need", RenderingError):
         import imageio.v2 as imageio
         import imageio_ffmpeg  # noqa: F401  (the encoder that imageio looks for)
-    except ImportError as error:
-        raise RenderingError("pictures and videos need: pip install 'plat-rl[video]'") from error
     # imageio_ffmpeg would fork this whole process to start its encoder: it can hang beside threads, and fails where
     # memory is scarce.
     os.environ.setdefault("IMAGEIO_FFMPEG_NO_PREVENT_SIGINT", "1")

@@ -8,6 +8,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from plat.errors import CheckpointError
+from plat.extras import importing
 from plat.files import copy_file, replace_table, write_file
 
 __all__ = ["HUB_PREFIX", "download_run", "hub_name", "repository_name", "upload_run"]
@@ -121,10 +122,8 @@ def _checked(name: str) -> str:
 
 
 def _huggingface_hub() -> Any:
-    try:
+    with importing("hub", "the Hugging Face Hub needs", CheckpointError):
         return import_module("huggingface_hub")  # type checkers know it only where it is installed
-    except ImportError as error:
-        raise CheckpointError("the Hugging Face Hub needs: pip install 'plat-rl[hub]'") from error
 
 
 def _one_line(error: Exception) -> str:

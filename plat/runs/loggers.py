@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 from plat.errors import CheckpointError, PlatError
+from plat.extras import importing
 from plat.files import replace_file
 
 __all__ = [
@@ -39,12 +40,8 @@ def check_logger(logger: LoggerName) -> ModuleType:
     Raises:
         PlatError: if it isn't installed, with the command that installs it.
     """
-    try:
+    with importing(logger, f"--{logger} needs"):
         return importlib.import_module(logger)
-    except ModuleNotFoundError as error:
-        if error.name != logger:
-            raise
-        raise PlatError(f"--{logger}: {logger} is not installed: pip install 'plat-rl[{logger}]'") from error
 
 
 def chosen_loggers(wandb: bool, trackio: bool) -> tuple[LoggerName, ...]:

@@ -23,7 +23,7 @@ def test_more_workers_than_cpus_are_refused():
 
 
 def test_ray_that_is_not_installed_is_named(monkeypatch):
-    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ConfigError, match="pip install 'plat-rl.ray.'"):
         check_ray()
     with pytest.raises(ConfigError, match="pip install 'plat-rl.ray.'"):

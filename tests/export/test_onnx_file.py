@@ -1,5 +1,3 @@
-import importlib.util
-
 import numpy as np
 import pytest
 import torch
@@ -39,15 +37,6 @@ def test_nothing_but_the_given_metadata_is_inside(model):
     content = model.SerializeToString()
     assert b".py" not in content
     assert b"stack_trace" not in content
-
-
-def test_a_package_that_is_not_installed(monkeypatch):
-    find_spec = importlib.util.find_spec
-    monkeypatch.setattr(
-        "plat.export.onnx_file.find_spec", lambda name: None if name == "onnxscript" else find_spec(name)
-    )
-    with pytest.raises(BundleError, match=r"exporting needs: pip install 'plat-rl\[export\]'"):
-        onnx_model(torch.nn.Linear(3, 2), 3, {})
 
 
 class DataDependent(torch.nn.Module):

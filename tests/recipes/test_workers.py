@@ -2,6 +2,7 @@
 
 import csv
 import gc
+import sys
 from functools import partial
 from pathlib import Path
 from types import FunctionType, MethodType
@@ -12,7 +13,7 @@ from safetensors.torch import load_file
 from torch import nn
 
 from plat.cli import main
-from plat.collectors import cluster, workers
+from plat.collectors import workers
 from plat.errors import WorkerError
 from plat.modules import Expert, ExpertConfig, LatentPolicy
 from plat.recipes import distill
@@ -136,7 +137,7 @@ def test_a_teacher_is_copied_for_workers():
 def test_ray_that_is_missing_or_has_no_workers_is_told_before_the_work(tmp_path, monkeypatch):
     with pytest.raises(SystemExit, match="--ray is for workers, expected workers to be at least 1"):
         trained("expert", tmp_path / "run", "--ray")
-    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(SystemExit, match="--ray needs: pip install 'plat-rl.ray.'"):
         trained("expert", tmp_path / "run", "--workers", 1, "--ray")
     assert not (tmp_path / "run").exists()

@@ -34,7 +34,7 @@ def test_a_logger_that_is_missing_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "trackio", None)
     monkeypatch.delitem(sys.modules, "trackio")
     monkeypatch.setattr(sys, "path", [])
-    with pytest.raises(PlatError, match=r"--trackio: trackio is not installed: pip install 'plat-rl\[trackio\]'"):
+    with pytest.raises(PlatError, match=r"--trackio needs: pip install 'plat-rl\[trackio\]'"):
         check_logger("trackio")
 
 

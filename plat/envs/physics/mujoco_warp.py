@@ -10,6 +10,7 @@ from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
 from plat.errors import ConfigError, StateError
+from plat.extras import importing
 from plat.gpu import check_device
 
 __all__ = ["WarpPhysics"]
@@ -51,13 +52,11 @@ class WarpPhysics:
         contacts: int = 64,
         constraints: int = 384,
     ):
-        try:
+        with importing("warp", "physics 'warp' needs", ConfigError):
             import warp
 
             warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)  # a line for each kernel
             import mujoco_warp
-        except ImportError as error:
-            raise ConfigError("physics 'warp' needs: pip install 'plat-rl[warp]'") from error
         self._warp, self._mujoco_warp = warp, mujoco_warp
         self.model = model
         self.device = check_device(device)

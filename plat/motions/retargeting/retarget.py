@@ -12,6 +12,7 @@ import torch
 
 from plat.bounds import check_value
 from plat.errors import ConfigError, MotionError
+from plat.extras import importing
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import MotionClip
 from plat.motions.formats.axes import Up
@@ -201,14 +202,12 @@ def retarget(
         MotionError: naming file and line or field, when it cannot be read or does not fit the map, or what is stated
             of it is none of these values.
     """
-    try:
+    with importing("retarget", "retargeting needs", MotionError):
         from plat.motions.retargeting.feet import lift
         from plat.motions.retargeting.floor import above_floor
         from plat.motions.retargeting.shortfalls import shortfalls
         from plat.motions.retargeting.solver import solve
         from plat.motions.retargeting.targets import robot_targets
-    except ImportError as error:
-        raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
     try:
         check_value("fps", fps, FrameRate | None)
         check_value("up", up, Up | None)

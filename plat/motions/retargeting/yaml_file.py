@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.errors import MotionError
+from plat.extras import importing
 from plat.json_file import short
 
 __all__ = ["read_yaml"]
@@ -32,10 +33,8 @@ def read_yaml(path: Path, label: str) -> Any:
     ...     read_yaml(Path(folder, "a.yaml"), "example")
     {'joints': {'hips': 'Hips'}, 'up': 'z'}
     """
-    try:
+    with importing("retarget", "retargeting needs", MotionError):
         import yaml
-    except ImportError as error:
-        raise MotionError("retargeting needs: pip install 'plat-rl[retarget]'") from error
 
     class Loader(yaml.BaseLoader):
         def compose_node(self, parent: Any, index: Any) -> Any:

@@ -1,6 +1,6 @@
 """MuJoCo Warp against MuJoCo, on Warp's CPU device. Kernels are compiled at the first use, which takes minutes."""
 
-import builtins
+import sys
 
 import mujoco
 import pytest
@@ -177,17 +177,9 @@ def test_a_robot_that_diverged_is_put_back_to_its_start():
 
 
 def test_without_the_extra_one_line_says_what_it_needs(monkeypatch):
-    monkeypatch.setattr("plat.envs.settings.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "mujoco_warp", None)
     with pytest.raises(ConfigError, match=r"--physics warp needs: pip install 'plat-rl\[warp\]'"):
         get_physics("warp")
-    found = builtins.__import__
-
-    def missing(name, *arguments, **keywords):
-        if name == "mujoco_warp":
-            raise ImportError(name)
-        return found(name, *arguments, **keywords)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(ConfigError, match=r"physics 'warp' needs: pip install 'plat-rl\[warp\]'"):
         WarpPhysics(mujoco.MjModel.from_xml_string("<mujoco/>"), 1)
 
