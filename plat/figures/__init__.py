@@ -5,6 +5,8 @@ from plat.figures.differences import difference_plot
 from plat.figures.film_strip import film_strip
 from plat.figures.groups import group_plot
 from plat.figures.horizon import horizon_plot
+from plat.figures.motion_plot import motion_plot
+from plat.figures.motion_sheet import motion_sheet
 from plat.figures.pyplot import pyplot, write_figure
 from plat.figures.radar import radar_plot
 from plat.figures.robustness import robustness_plot
@@ -19,6 +21,8 @@ __all__ = [
     "film_strip",
     "group_plot",
     "horizon_plot",
+    "motion_plot",
+    "motion_sheet",
     "pyplot",
     "radar_plot",
     "robustness_plot",

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 import plat.headless  # noqa: F401
-from plat.cli.motions import distinct
+from plat.cli.motion_files import distinct
 from plat.motions import MotionClip, MotionLibrary, load_motions, save_csv, save_motions, validate_motions
 from plat.motions.retargeting.bvh import read_bvh
 from plat.robots import G1

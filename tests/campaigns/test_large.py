@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from plat.cli.motions import distinct
+from plat.cli.motion_files import distinct
 from plat.motions import MotionClip, load_motions
 from plat.motions.paths import find_files, listed_paths
 from tests.campaigns.large import LONG, MANY, Cost, grows

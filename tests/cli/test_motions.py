@@ -1,15 +1,17 @@
 import pickle
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tyro
 
-from plat.cli import main, motions
+from plat.cli import main, motion_files, motions
 from plat.cli.options import MotionsCommand
 from plat.errors import MotionError, PlatError
+from plat.figures import motion_sheet
 from plat.motions import (
     MotionClip,
     MotionFile,
@@ -88,7 +90,7 @@ def test_a_bad_file_of_a_folder_is_named_and_left_out(folder, tmp_path, capsys):
 
 def test_inspect_draws(folder, tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(motions, "SHEET_COLUMNS", 2)
+    monkeypatch.setattr(motions, "motion_sheet", partial(motion_sheet, columns=2))
     run("inspect", folder, "--out", tmp_path / "out", "--pictures", 2)
     written = {path.name for path in (tmp_path / "out").iterdir()}
     # the clips to drop and to repair come first
@@ -233,7 +235,8 @@ def test_mirror(tmp_path):
 
 
 def test_generated_motions_are_read(monkeypatch, capsys):
-    monkeypatch.setattr(motions, "generate_named", lambda name, robot: {"generated:val": [bowing_clip(60)]}[name])
+    made = {"generated:val": [bowing_clip(60)]}
+    monkeypatch.setattr(motion_files, "generate_named", lambda name, robot: made[name])
     (report,) = run("inspect", "generated:val")
     assert report.verdict == "use"
     assert "generated_val: 1 clip, generated, 50 fps" in capsys.readouterr().out
@@ -241,7 +244,7 @@ def test_generated_motions_are_read(monkeypatch, capsys):
 
 def test_names_are_made_distinct():
     names = ["a", "a", "a_2", "b", "a"]
-    clips = motions.distinct([MotionClip(name, np.empty(0), 30.0) for name in names])
+    clips = motion_files.distinct([MotionClip(name, np.empty(0), 30.0) for name in names])
     assert [clip.name for clip in clips] == ["a", "a_2", "a_2_2", "b", "a_3"]
 
 
@@ -471,7 +474,7 @@ def test_the_rate_of_generated_motions_is_not_doubted():
     clip = bowing_clip(60)
     told = [
         motions.with_doubt(MotionFile(Path("bow"), kind, [clip]), clip, validate_motion(clip))
-        for kind in (motions.GENERATED, "csv")
+        for kind in (motion_files.GENERATED, "csv")
     ]
     assert told == ["50 fps", "50 fps, nothing in the motion confirms this rate"]
 
