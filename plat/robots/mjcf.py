@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from plat.bounds import Positive, check_value
 from plat.errors import ConfigError, RobotError
@@ -24,6 +25,7 @@ __all__ = [
     "compile_spec",
     "read_spec",
     "replace_soles",
+    "saved_model",
 ]
 
 FOOT_COUNTS = {"left_foot_contact": "left_foot_count", "right_foot_contact": "right_foot_count"}
@@ -93,6 +95,13 @@ def compile_spec(spec: mujoco.MjSpec, asset: str, robot: str) -> mujoco.MjModel:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise RobotError(f"robot {robot!r}: asset {asset!r} does not compile ({_one_line(error)})") from None
+
+
+def saved_model(model: mujoco.MjModel) -> bytes:
+    """Return a compiled model as MuJoCo saves it."""
+    content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes()
 
 
 def check_model(model: mujoco.MjModel, robot: str, bodies: Mapping[str, Sequence[str]], asset: str) -> None:

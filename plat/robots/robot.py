@@ -23,6 +23,7 @@ from plat.robots.mjcf import (
     compile_spec,
     read_spec,
     replace_soles,
+    saved_model,
 )
 from plat.robots.motors import adopt_limits
 from plat.words import perhaps
@@ -166,9 +167,7 @@ class Robot:
 
     def compiled(self) -> bytes:
         """Return the compiled model as MuJoCo saves it, with all that its description includes."""
-        content = np.empty(mujoco.mj_sizeModel(self.shared_model), np.uint8)
-        mujoco.mj_saveModel(self.shared_model, None, content)
-        return content.tobytes()
+        return saved_model(self.shared_model)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from torch import nn
 
 from plat.errors import ConfigError
 from plat.motions.library import MotionLibrary
+from plat.robots.mjcf import read_spec
 from plat.robots.registry import get_robot
 from plat.robots.robot import Robot
 from plat.runs.json_object import read_json
@@ -100,10 +101,13 @@ def motions_print(library: MotionLibrary) -> list[list[Any]]:
 
 
 def robot_print(robot: Robot) -> str:
-    """Return a hash of a robot's description and of its MJCF file, wherever that lies."""
+    """Return a hash of a robot's description and of its MJCF file with what that includes, wherever they lie."""
     fields = {name: value for name, value in dataclasses.asdict(robot).items() if name != "asset"}
     text = json.dumps(fields, sort_keys=True, default=str).encode()
-    return hashlib.blake2b(text + robot.asset_path.read_bytes(), digest_size=16).hexdigest()
+    described = robot.asset_path.read_bytes()
+    if b"<include" in described:
+        described = read_spec(robot.asset, robot.name).to_xml().encode()
+    return hashlib.blake2b(text + described, digest_size=16).hexdigest()
 
 
 def same_robot(one: Robot, other: Robot) -> bool:

@@ -3,11 +3,13 @@
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
@@ -15,9 +17,11 @@ from plat.envs.reach import SAG
 from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
+from plat.export.scene import scene_xml
 from plat.files import check_folder
 from plat.keyframes.chain_families import INSIDE
 from plat.motions.retargeting.geometry import RobotGeometry
+from plat.robots.mjcf import saved_model
 from plat.robots.robot import Robot
 from plat.robots.sole_points import sole_points
 from plat.robots.symmetry import joint_symmetry, keypoint_symmetry
@@ -105,14 +109,12 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
     ('g1', 29, 'left_wrist_yaw_link')
     """
     model, poser = robot.shared_model, Poser(robot)
-    if model.nmesh or model.nhfield or model.ntex:
-        raise StudioError(f"robot {robot.name!r}: its description has meshes or textures, which this page cannot load")
     partner, sign = joint_symmetry(robot)
     soles, reach = sole_points(robot, model), ReachLimits()
     doubts = FeasibilityLimits()
     return {
         "robot": robot.name,
-        "xml": _with_floor(robot.asset_path.read_text(encoding="utf-8")),
+        "xml": _description(robot),
         "control_dt": timing.control_dt,
         "max_steps": timing.max_steps,
         "hold": HOLD,
@@ -156,10 +158,25 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
     }
 
 
-def _with_floor(xml: str) -> str:
-    """Return a description with the floor of :meth:`plat.robots.Robot.spec`, the last geom of the world."""
-    before, end, after = xml.rpartition("</worldbody>")
-    return f"{before}{_FLOOR}{end}{after}"
+def _description(robot: Robot) -> str:
+    """Return a description of the robot on a floor, in one text.
+
+    It is the file's own, whose numbers are not rounded, with the floor of :meth:`plat.robots.Robot.spec` as the last
+    geom of the world; where that is another model, because the file includes others or its limits are read otherwise,
+    it is what MuJoCo writes of it.
+
+    Raises:
+        StudioError: for a robot whose description needs other files.
+    """
+    model, scene = robot.shared_model, scene_xml(robot)
+    if model.nmesh or model.nhfield or scene is None:
+        raise StudioError(f"robot {robot.name!r}: its description has meshes or textures, which this page cannot load")
+    before, end, after = robot.asset_path.read_text(encoding="utf-8").rpartition("</worldbody>")
+    text = f"{before}{_FLOOR}{end}{after}"
+    with suppress(ValueError):  # of a text that includes what is beside the file
+        if saved_model(mujoco.MjModel.from_xml_string(text)) == robot.compiled():
+            return text
+    return scene
 
 
 def _names(commands: Parts | None, robot: Robot) -> dict[str, list[str]] | None:

@@ -66,3 +66,15 @@ def test_weights_and_robots():
     assert robot_print(G1) != robot_print(replace(G1, root_height=0.7))
     assert changed_inputs({"robot": "a"}, {"robot": "b"}) == ["robot: other content"]
     assert changed_inputs({}, {"robot": "b"}) == []
+
+
+def test_what_a_robots_file_includes_belongs_to_it(tmp_path):
+    (tmp_path / "robot.xml").write_text(
+        G1.asset_path.read_text().replace("</mujoco>", '<include file="more.xml"/></mujoco>')
+    )
+    robot, prints = replace(G1, asset=str(tmp_path / "robot.xml")), set()
+    for mass in (1, 2):
+        more = f'<worldbody><body name="beside"><geom size=".1" mass="{mass}" contype="0"/></body></worldbody>'
+        (tmp_path / "more.xml").write_text(f"<mujoco>{more}</mujoco>")
+        prints |= {robot_print(robot)}
+    assert len(prints) == 2

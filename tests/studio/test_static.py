@@ -79,6 +79,20 @@ def test_the_description_is_the_robots_own(facts):
     assert model.geom("floor").id == own.geom("floor").id, "contacts come in the same order"
 
 
+def test_a_description_in_several_files_or_with_limits_read_otherwise_is_what_python_simulates(tmp_path):
+    before, motors, after = re.split(r"(<actuator>.*</actuator>)", G1.asset_path.read_text(), flags=re.DOTALL)
+    limited = motors.replace("<position ", "<position ctrlrange='-9 9' ", 1)
+    (tmp_path / "motors.xml").write_text(f"<mujoco>{limited}</mujoco>")
+    (tmp_path / "robot.xml").write_text(f'{before}<include file="motors.xml"/>{after}')
+    robot = replace(G1, asset=str(tmp_path / "robot.xml"))
+    model = mujoco.MjModel.from_xml_string(site_facts(robot, (), Timing())["xml"])
+    assert (model.nu, model.actuator_ctrllimited.any()) == (29, False)
+    assert model.geom("floor").id == G1.shared_model.geom("floor").id
+    for name in ("body_mass", "jnt_range", "actuator_gainprm", "actuator_forcerange", "geom_size"):
+        ours = getattr(G1.shared_model, name)
+        np.testing.assert_allclose(getattr(model, name), ours, rtol=1e-5, atol=1e-7, err_msg=name)
+
+
 def test_handles_and_soles_are_where_they_are_in_python(facts):
     data = mujoco.MjData(G1.shared_model)
     data.qpos[:] = facts["default_qpos"]
