@@ -170,7 +170,7 @@ def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[C
     """
     for name in feet:
         body = spec.body(name)
-        soles = [geom for geom in body.geoms if geom.contype]
+        soles = [geom for geom in body.geoms if geom.contype or geom.conaffinity]
         default = soles[0].classname if soles else spec.default
         for sole in soles:
             spec.delete(sole)

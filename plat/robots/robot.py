@@ -14,6 +14,7 @@ from torch import Tensor
 from plat.bounds import NotEmpty, Range, check_value
 from plat.errors import ConfigError, RobotError
 from plat.json_file import short
+from plat.robots.contact_geoms import touches_floor
 from plat.robots.contacts import FootContacts
 from plat.robots.mjcf import (
     Capsule,
@@ -217,7 +218,7 @@ class Robot:
         >>> G1.sole_geoms(G1.model("capsules")).shape
         (2, 7)
         """
-        touches = model.geom_contype != 0
+        touches = touches_floor(model)
         soles = [np.flatnonzero(touches & (model.geom_bodyid == model.body(foot).id)) for foot in self.feet]
         counts = [len(geoms) for geoms in soles]
         if len(set(counts)) > 1 or not all(counts):

@@ -5,6 +5,7 @@ import numpy as np
 import torch
 
 from plat.motions import MotionClip, mirror_motion
+from plat.robots.contact_geoms import touches_floor
 from plat.robots.robot import Robot
 from plat.rotations import quat_conjugate, quat_multiply, quat_yaw, yaw_multiply, yaw_rotate
 
@@ -83,8 +84,7 @@ class Floor:
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         self._floor = self._model.geom("floor").id
-        geoms = range(self._model.ngeom)
-        self._solid = [geom for geom in geoms if self._model.geom_contype[geom] and geom != self._floor]
+        self._solid = np.flatnonzero(touches_floor(self._model)).tolist()
 
     def clearance(self, qpos: np.ndarray) -> float:
         """Return the height of a pose's lowest point ``[7 + J]`` (m); negative below the floor."""

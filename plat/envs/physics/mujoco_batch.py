@@ -13,6 +13,7 @@ from plat.envs.physics.protocol import Kinematics
 from plat.envs.physics.transfer import to_device
 from plat.errors import ConfigError, StateError
 from plat.gpu import check_device
+from plat.robots.contact_geoms import colliding_geoms
 
 __all__ = ["BatchedPhysics", "available_cpus"]
 
@@ -166,7 +167,7 @@ class BatchedPhysics:
     def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
         """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
         model, rows = self.model, self._ids_of(bodies)
-        geoms = [i for i in range(model.ngeom) if model.geom_bodyid[i] in rows and model.geom_contype[i]]
+        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)) if model.geom_bodyid[geom] in rows]
         values = friction.cpu().double()
         self.model_field("geom_friction")[ids.cpu()[:, None], geoms, 0] = values[:, None]
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -12,6 +13,7 @@ from plat.envs.physics.protocol import Kinematics
 from plat.errors import ConfigError, StateError
 from plat.extras import importing
 from plat.gpu import check_device
+from plat.robots.contact_geoms import colliding_geoms
 
 __all__ = ["WarpPhysics"]
 
@@ -149,7 +151,7 @@ class WarpPhysics:
     def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
         """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
         model, rows = self.model, set(self._ids_of(bodies).tolist())
-        geoms = [i for i in range(model.ngeom) if model.geom_bodyid[i] in rows and model.geom_contype[i]]
+        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)) if model.geom_bodyid[geom] in rows]
         columns = torch.tensor(geoms, device=self.device)
         self._fields["geom_friction"][ids.to(self.device)[:, None], columns, 0] = self._here(friction)[:, None]
         self._stale = True

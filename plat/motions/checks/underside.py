@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import torch
 
+from plat.robots.contact_geoms import touches_floor
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_to_matrix
@@ -32,7 +33,7 @@ class Underside:
 
     def __init__(self, robot: Robot):
         model = robot.shared_model
-        geoms = np.flatnonzero((model.geom_contype != 0) & (model.geom_bodyid > 0))
+        geoms = np.flatnonzero(touches_floor(model))
         self.bodies = [model.body(model.geom_bodyid[geom]).name for geom in geoms]
         names = list(dict.fromkeys(self.bodies))
         self._column = [names.index(body) for body in self.bodies]

@@ -4,6 +4,7 @@ import numpy as np
 
 from plat.motions.retargeting.geometry import TRACKED
 from plat.motions.retargeting.targets import Targets
+from plat.robots.contact_geoms import touches_floor
 from plat.robots.robot import Robot
 
 __all__ = ["above_floor"]
@@ -25,7 +26,7 @@ def above_floor(targets: Targets, robot: Robot) -> dict[str, float]:
         if role.endswith("ankle"):
             continue
         body = model.body(TRACKED[role]).id
-        radii = model.geom_size[(model.geom_bodyid == body) & (model.geom_contype != 0), 0]
+        radii = model.geom_size[(model.geom_bodyid == body) & touches_floor(model), 0]
         if len(radii) == 0:
             continue
         low = float(radii.min())

@@ -30,7 +30,9 @@ export class Robot {
     this.ends = site.end_effectors.map((name) => site.keypoints.indexOf(name));
     this.feet = site.feet.map(id);
     this.floor = this.model.geom("floor").id;
-    this.solid = [...this.model.geom_contype.keys()].filter((geom) => this.model.geom_contype[geom] && geom !== this.floor);
+    const types = this.model.geom_contype, affinities = this.model.geom_conaffinity;  // as touches_floor in Python
+    const meetsFloor = (geom) => types[geom] & affinities[this.floor] | types[this.floor] & affinities[geom];
+    this.solid = [...types.keys()].filter((geom) => meetsFloor(geom) && this.model.geom_bodyid[geom] > 0);
     this.jacp = new mujoco.DoubleBuffer(3 * this.nv);
     this.jacr = new mujoco.DoubleBuffer(3 * this.nv);
     this.bad = ["QPOS", "QVEL", "QACC", "CTRL"].map((what) => mujoco.mjtWarning[`mjWARN_BAD${what}`].value);
