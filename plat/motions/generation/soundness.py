@@ -9,6 +9,7 @@ import numpy as np
 from plat.motions.checks.collision import self_penetration
 from plat.motions.generation.balance import ground_reaction, zmp_of
 from plat.robots.robot import Robot, without_side
+from plat.robots.sole_points import sole_points
 
 __all__ = ["QUICK_FEET", "Soundness", "SoundnessLimits", "contact_points", "measure_soundness", "speed_limits"]
 
@@ -132,13 +133,15 @@ def _in_flight(down: np.ndarray) -> np.ndarray:
 def contact_points(robot: Robot, model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the lowest points of the soles ``[F, 2, P, 3]`` (m, world) and the depth of self-collision (m)."""
     data = mujoco.MjData(model)
-    soles = robot.sole_geoms(model)
+    centers, radii = sole_points(robot, model)
+    feet = [model.body(foot).id for foot in robot.feet]
     points, depth = [], 0.0
     for pose in qpos:
         depth = max(depth, self_penetration(model, pose, data))
-        points.append(data.geom_xpos[soles])
+        turned = centers @ data.xmat[feet].reshape(-1, 3, 3).transpose(0, 2, 1)
+        points.append(data.xpos[feet][:, None] + turned)
     lowest = np.stack(points)
-    lowest[..., 2] -= model.geom_size[soles, 0]
+    lowest[..., 2] -= radii
     return lowest, depth
 
 

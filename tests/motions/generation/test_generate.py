@@ -1,5 +1,6 @@
 import logging
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -157,6 +158,22 @@ def _aloft(qpos: np.ndarray) -> int:
     """Return the number of frames in which neither foot touches the floor."""
     points, _ = contact_points(G1, G1.model(), qpos.astype(np.float64))
     return int((points[..., 2].min((-1, -2)) > 0.003).sum())
+
+
+@pytest.mark.parametrize("feet", ["spheres", "capsules"])
+def test_points_of_soles_of_any_shape_are_their_lowest(feet):
+    model = G1.model(feet)
+    data, floor, soles = mujoco.MjData(model), model.geom("floor").id, G1.sole_geoms(model)
+    qpos = np.stack((G1.default_qpos, G1.default_qpos))
+    qpos[:, 2] += 0.1
+    qpos[1, 3:7] = 0.98, 0.1, 0.17, 0.0
+    points, _ = contact_points(G1, model, qpos)
+    for pose, found in zip(qpos, points[..., 2].min(-1), strict=True):
+        data.qpos[:] = pose / np.concatenate((np.ones(3), np.full(4, np.linalg.norm(pose[3:7])), np.ones(29)))
+        mujoco.mj_kinematics(model, data)
+        for foot, low in zip(soles, found, strict=True):
+            exact = min(mujoco.mj_geomDistance(model, data, floor, geom, 9.0, None) for geom in foot)
+            assert low == pytest.approx(exact, abs=1e-6)
 
 
 def test_names_choose_families_and_length():
