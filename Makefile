@@ -10,13 +10,14 @@ demo: $(VENV)/.installed
 studio: $(VENV)/.installed-studio
 	$(BIN)/python -m plat studio
 
+# worksteal: tests of a file run in one process, which makes what they share once
 # -rs: what was left out, and why: tests in a browser need Chromium or Chrome
 test: $(VENV)/.installed-dev $(VENV)/.installed-node lint types docs
-	$(BIN)/python -m pytest -n 2 --durations=15 -rs
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=15 -rs
 
 # without tests that start processes or train, and without the examples in docstrings
 test-fast: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n 2 -m "not slow" tests
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" tests
 
 # the site in build/site; a warning is an error
 docs: $(VENV)/.installed-dev
