@@ -1,6 +1,6 @@
 """Train the weights that come with plat again, by the commands that made them.
 
-python benchmarks/repeat.py imagined-free-g1 --motions ../shared/data/motions --out runs/repeated --dry-run
+python benchmarks/repeat.py imagined-free-g1 --motions FOLDER --out runs/repeated --dry-run
 
 The commands are those of docs/notes/weights.md. All that the weights come from is trained, one run after the other.
 What is there already goes on or stays. Trainings are limited in time, so another machine makes other weights.
