@@ -108,6 +108,22 @@ def test_all_pages_are_in_the_index_and_on_the_site():
     assert set(re.findall(r"'([\w/]+\.md)'", str(site))) == pages
 
 
+@pytest.mark.parametrize("page", [page for page in PAGES if ".github" not in page.parts], ids=name_of)
+def test_prose_is_wrapped(page):
+    lines = prose(page).splitlines()
+    text = [line for line in lines if not line.lstrip().startswith(("|", "<", "!["))]
+    assert [line for line in text if len(line) > 100] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_tables_stand_alone(page):
+    """A line that touches a table is a row of it on the site."""
+    rows = [line.lstrip().startswith("|") for line in ["", *prose(page).splitlines(), ""]]
+    blank = [not line.strip() for line in ["", *prose(page).splitlines(), ""]]
+    edges = [number for number in range(1, len(rows)) if rows[number] != rows[number - 1]]
+    assert [number for number in edges if not (blank[number] or blank[number - 1])] == []
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
 

@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any, get_args
 
 from plat.errors import OutputError, PlatError, RecordsError
@@ -31,14 +32,16 @@ _OPENING = """\
 # Results
 
 *Written by `plat benchmark` and `python -m plat.cli.benchmark_page`, from the files in `benchmark`.
-[Evaluation](evaluation.md) says what is measured; [the notes](notes/2026.md) how the weights came about.*
+[Evaluation](evaluation.md) says what is measured; [the notes](notes/2026.md) how the weights came
+about.*
 """
 _UNSAID = "not said in its file"
 _READING = """\
-Rows that were trained on other motions differ by that as well as by their method: compare those of one list.
-Intervals are 95 %, bootstrapped over motions. Every row is given the same commands. A dense tracker is shown
-its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one by TKS@3 at Mixed.
-Calm and everyday motion saturates TKS@3: rows differ on brisk and hard motion, and in their errors.
+Rows that were trained on other motions differ by that as well as by their method: compare those of
+one list. Intervals are 95 %, bootstrapped over motions. Every row is given the same commands. A
+dense tracker is shown its keyframe by the [interface](evaluation.md#released-trackers) in
+parentheses: the best one by TKS@3 at Mixed. Calm and everyday motion saturates TKS@3: rows differ
+on brisk and hard motion, and in their errors.
 """
 _ALT = {
     "radar": "TKS@3, MPJPE@3 and MPKPE@3 over the horizons",
@@ -143,6 +146,7 @@ def _head(about: dict[str, Any]) -> str:
         f"- clips of more than {about['longest']:g} s are cut into equal pieces",
         *(f"- success rule `{rule}` of whole clips: {says}" for rule, says in about["rules"]),
     ]
+    facts = [fill(fact, 100, subsequent_indent="  ", break_on_hyphens=False) for fact in facts]
     command = shlex.join(about["command"])
     parts = [_OPENING, f"```sh\n{command}\n```\n", "\n".join(facts) + "\n", table(sets) + "\n", table(rows) + "\n"]
     return "\n".join([*parts, _READING])

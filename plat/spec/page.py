@@ -11,7 +11,8 @@ __all__ = ["observation_page"]
 _OPENING = """\
 # What a policy observes
 
-*This page is made from the table in `plat/spec/observation.py` by `python -m plat.spec.page docs/observation.md`.*
+*This page is made from the table in `plat/spec/observation.py` by
+`python -m plat.spec.page docs/observation.md`.*
 
 A deployed policy observes its own state, one keyframe and the time left:
 `o_t = [robot, goal, command]`, side by side in the order below. *J* is the number of joints and
@@ -24,27 +25,30 @@ _GROUPS = {
         "The commanded keyframe in the frame of the robot's root: turning or moving robot and keyframe\n"
         "together changes nothing. The last column names the part of a keyframe that an entry belongs to."
     ),
-    "command": "`tau` is the number of control steps until the keyframe, divided by `Timing.max_steps` of the policy.",
+    "command": (
+        "`tau` is the number of control steps until the keyframe, divided by `Timing.max_steps` of the\npolicy."
+    ),
     "parts": (
-        "What the keyframe commands: entries of the goal that it does not command are 0. Only policies trained with\n"
-        "`--policy.also parts` observe this group; others are given whole keyframes alone."
+        "What the keyframe commands: entries of the goal that it does not command are 0. Only policies\n"
+        "trained with `--policy.also parts` observe this group; others are given whole keyframes alone."
     ),
     "clock": (
         "The end of the time to the keyframe, on a finer scale than `tau`. Only policies trained with\n"
-        "`--policy.also clock` observe it. A policy that observes one of the two groups has it right after `command`."
+        "`--policy.also clock` observe it. A policy that observes one of the two groups has it right\n"
+        "after `command`."
     ),
     "privileged": "Only a critic observes these, in training.",
 }
 _CLOSING = """\
-Other goal groups have the entries of `goal`. `goal_6` is the reference six frames ahead. `dense_goal`
-and `dense_goal_6` are the same beside a keyframe, and `keyframe` is a keyframe beside a dense goal.
-`led_...` is any of them moved ahead by a lead (`plat.modules.GoalLead`). `plat.spec.observation.is_goal`
-says which names are goals.
+Other goal groups have the entries of `goal`. `goal_6` is the reference six frames ahead.
+`dense_goal` and `dense_goal_6` are the same beside a keyframe, and `keyframe` is a keyframe beside
+a dense goal. `led_...` is any of them moved ahead by a lead (`plat.modules.GoalLead`).
+`plat.spec.observation.is_goal` says which names are goals.
 
 To add an entry to the goal, add it to the table, and add the function that computes it to
 `GOAL_ENTRIES` in `plat/envs/goals.py` (torch) and in `plat/deploy/goals.py` (numpy). Environment,
-networks, gymnasium and exports follow. Weights that were trained before do not fit the new size. A policy
-that is `symmetric` asks what becomes of it in the mirror (`Entry.mirrored`).
+networks, gymnasium and exports follow. Weights that were trained before do not fit the new size. A
+policy that is `symmetric` asks what becomes of it in the mirror (`Entry.mirrored`).
 """
 
 
