@@ -116,6 +116,12 @@ def test_prose_is_wrapped(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_numbers_have_a_leading_zero(page):
+    text = re.sub(r"`[^`\n]*`", "", prose(page))
+    assert re.findall(r"(?<![\w.)\]])\.\d+", text) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_tables_stand_alone(page):
     """A line that touches a table is a row of it on the site."""
     rows = [line.lstrip().startswith("|") for line in ["", *prose(page).splitlines(), ""]]
