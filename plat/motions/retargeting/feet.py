@@ -59,7 +59,7 @@ def levelling(contact: np.ndarray, fps: float) -> np.ndarray:
 def hold(path: np.ndarray, weight: np.ndarray, fps: float) -> np.ndarray:
     """Return the path nearest to another that moves as it does where ``weight`` is 0, and stands where it is 1.
 
-    Minimises, for every coordinate, ``sum_t a (x_t - path_t)^2 + k_t (dx_t - (1 - w_t) dpath_t)^2``, a tridiagonal
+    Minimizes, for every coordinate, ``sum_t a (x_t - path_t)^2 + k_t (dx_t - (1 - w_t) dpath_t)^2``, a tridiagonal
     system. The first term brings the result back to the path after contacts.
 
     Args:

@@ -14,7 +14,7 @@ from plat.robots.robot import Robot, without_side
 
 __all__ = ["solve"]
 
-# Weight of a metre of position error and of a radian of orientation error. Feet count most, so that they stay where
+# Weight of a meter of position error and of a radian of orientation error. Feet count most, so that they stay where
 # they are planned; the pelvis gives way.
 _POSITION_COST = {"pelvis": 4.0, "knee": 2.0, "ankle": 2.0, "elbow": 2.0, "wrist": 2.0}
 # Added for a foot on the ground; for its position less the higher it is, down to nothing at the third figure (m).

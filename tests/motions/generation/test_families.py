@@ -34,7 +34,7 @@ def test_every_seed_is_another_motion(family):
     assert written(family, 0).now != written(family, 1).now
 
 
-def travelled(family: str, seed: int) -> np.ndarray:
+def traveled(family: str, seed: int) -> np.ndarray:
     """Where the middle of the feet went ``[2]`` (m) and how far they turned (rad)."""
     feet = written(family, seed).feet
     return np.array([*feet[:, :2].mean(0), feet[:, 2].mean()])
@@ -42,12 +42,12 @@ def travelled(family: str, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_walks_go_their_way(seed):
-    assert travelled("walk", seed)[:2] @ [1, 0] > 0.3
-    assert travelled("backward", seed)[0] < -0.3
-    assert abs(travelled("sideways", seed)[1]) > 0.15
-    assert abs(travelled("turn", seed)[2]) > 0.5
-    np.testing.assert_allclose(travelled("turn", seed)[:2], 0, atol=1e-9)
-    np.testing.assert_allclose(travelled("step", seed), 0, atol=1e-9)
+    assert traveled("walk", seed)[:2] @ [1, 0] > 0.3
+    assert traveled("backward", seed)[0] < -0.3
+    assert abs(traveled("sideways", seed)[1]) > 0.15
+    assert abs(traveled("turn", seed)[2]) > 0.5
+    np.testing.assert_allclose(traveled("turn", seed)[:2], 0, atol=1e-9)
+    np.testing.assert_allclose(traveled("step", seed), 0, atol=1e-9)
 
 
 def test_walking_speeds_span_the_range():

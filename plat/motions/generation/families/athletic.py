@@ -43,7 +43,7 @@ def jump(script: MotionScript, rng: np.random.Generator) -> None:
 
 
 def hop(script: MotionScript, rng: np.random.Generator) -> None:
-    """Write a series of small quick jumps with both feet, on the spot or travelling."""
+    """Write a series of small quick jumps with both feet, on the spot or traveling."""
     height, count = rng.uniform(0.015, 0.05), int(rng.integers(3, 8))
     flight, ground = np.sqrt(8 * height / _GRAVITY), rng.uniform(0.22, 0.35)
     ahead, aside, turn = rng.uniform(-0.05, 0.1), rng.uniform(-0.06, 0.06), rng.uniform(-0.2, 0.2)
