@@ -36,7 +36,7 @@ class LeRobotController:
     Args:
         policy: such as :class:`plat.deploy.PolicyRunner`.
         source: what commands keyframes: a sequence, or a :class:`plat.keyframes.KeyframeQueue`.
-        settings: of the last line of defence.
+        settings: of the last line of defense.
         anchor: pose that the robot is taken to stand in when the policy begins; None for the origin.
         imu_pos: the IMU's place in the root's frame ``[3]`` (m).
         stop_key: entry of the action that stops the robot when it is not 0, such as a button of the remote.

@@ -1,4 +1,4 @@
-"""Last line of defence between a policy and the motors: small pieces, and a runner that puts them together."""
+"""Last line of defense between a policy and the motors: small pieces, and a runner that puts them together."""
 
 from plat.deploy.safety.ending import CommandSource, EndOfSequence, TimedCommand
 from plat.deploy.safety.followable import FollowableCommands

@@ -44,7 +44,7 @@ class OnboardReading:
 
 
 class OnboardController:
-    """Controller of a robot from its sensors: state estimator, policy and last line of defence, together.
+    """Controller of a robot from its sensors: state estimator, policy and last line of defense, together.
 
     The robot must stand or hang still at first: tilt and bias of the gyroscope are measured then. It ramps, and the
     world of the keyframes is laid under it when the policy begins. :meth:`step` never raises for what it is given.

@@ -46,7 +46,7 @@ class Policy(Protocol):
 
 
 class SafeRunner:
-    """Runner of a policy on a robot with a last line of defence. :meth:`step` never raises for what it is given.
+    """Runner of a policy on a robot with a last line of defense. :meth:`step` never raises for what it is given.
 
     Modes, in order: ``"wait"`` for a first good state, motors damped; ``"ramp"`` from the pose that the robot is found
     in to the start pose; ``"run"`` the policy; ``"end"``: hold the last keyframe, then stand. ``"damping"`` lasts until

@@ -1,4 +1,4 @@
-"""Settings of the last line of defence."""
+"""Settings of the last line of defense."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Each piece of the last line of defence by itself."""
+"""Each piece of the last line of defense by itself."""
 
 import logging
 from dataclasses import replace
