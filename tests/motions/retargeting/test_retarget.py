@@ -1,6 +1,5 @@
 import importlib
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -163,9 +162,3 @@ def test_a_clip_may_begin_with_the_arms_up(tmp_path):
     lines[first:] = lines[first + 30 :]
     path.write_text("\n".join(lines).replace("Frames: 61", "Frames: 31"))
     assert retarget(path).error < 0.013
-
-
-def test_what_to_install_is_said(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "plat.motions.retargeting.solver", None)
-    with pytest.raises(MotionError, match=r"pip install 'plat-rl\[retarget\]'"):
-        retarget(write_human(tmp_path / "a.bvh"))
