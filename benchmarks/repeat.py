@@ -55,7 +55,7 @@ class RepeatConfig(Bounded):
     given: tuple[str, ...] = ()
     """runs that no command makes, NAME=RUN each, of plat's own or of yours"""
     scale: Positive = 1.0
-    """share of each training's minutes, for a try"""
+    """share of each training's minutes or steps, for a try"""
     dry_run: bool = False
     """print the commands alone"""
 
@@ -179,6 +179,8 @@ def placed(command: Command, config: RepeatConfig, given: Mapping[str, str]) -> 
             words.append(str(config.out / bare))
         elif behind == "--minutes" and word != flag:
             words.append(f"{float(word) * config.scale:g}")
+        elif behind == "--steps" and word != flag:
+            words.append(str(round(int(word) * config.scale)))
         else:
             words.append(word)
     stopped = None if command.stopped is None else command.stopped * config.scale

@@ -1,5 +1,6 @@
 """Shipped weights are made again by one command."""
 
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -157,6 +158,12 @@ def test_a_training_is_stopped_once_and_a_failure_is_told(tmp_path):
     with pytest.raises(PlatError, match="plat imagine ended with"):
         train(failing)
     assert not (tmp_path / "other.stopped").exists()
+
+
+def test_minutes_and_steps_are_scaled(motions, tmp_path):
+    config = RepeatConfig(name="plat-generated-g1", motions=motions, out=tmp_path, dry_run=True, scale=0.1)
+    budgets = [word for command in main(config) for word in command.words if re.fullmatch(r"[\d.]+", word)]
+    assert {"0.9", "0.5", "50000"} <= set(budgets)
 
 
 def test_without_a_gpu_its_trainings_run_on_the_cpu():
