@@ -167,7 +167,7 @@ class BatchedPhysics:
     def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
         """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
         model, rows = self.model, self._ids_of(bodies)
-        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)) if model.geom_bodyid[geom] in rows]
+        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)).tolist() if model.geom_bodyid[geom] in rows]
         values = friction.cpu().double()
         self.model_field("geom_friction")[ids.cpu()[:, None], geoms, 0] = values[:, None]
 

@@ -151,7 +151,7 @@ class WarpPhysics:
     def set_friction(self, ids: Tensor, bodies: Sequence[str], friction: Tensor) -> None:
         """Set the sliding friction ``[n]`` of all colliding geoms of some bodies."""
         model, rows = self.model, set(self._ids_of(bodies).tolist())
-        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)) if model.geom_bodyid[geom] in rows]
+        geoms = [geom for geom in np.flatnonzero(colliding_geoms(model)).tolist() if model.geom_bodyid[geom] in rows]
         columns = torch.tensor(geoms, device=self.device)
         self._fields["geom_friction"][ids.to(self.device)[:, None], columns, 0] = self._here(friction)[:, None]
         self._stale = True
