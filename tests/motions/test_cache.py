@@ -164,7 +164,7 @@ def test_the_key_of_a_cache_changes_with_every_file_of_the_code_that_makes_motio
 
 def test_motions_are_made_by_no_code_that_the_key_of_a_cache_leaves_out():
     """What else the code imports neither reads nor changes a motion."""
-    others = {"bounds", "deploy", "errors", "files", "gpu", "json_file", "lazy", "pools", "precision"}
+    others = {"bounds", "deploy", "errors", "extras", "files", "gpu", "json_file", "lazy", "pools", "precision"}
     others |= {"progress", "words"}
     found = set()
     for name in CODE:
