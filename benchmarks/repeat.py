@@ -10,6 +10,7 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -213,28 +214,32 @@ def train(command: Command) -> None:
     if command.stopped is None:
         run(words)
         return
-    stop_after(words, command.stopped)
-    if not is_run(out):
-        raise PlatError(f"plat {words[0]} made no run in {command.stopped:g} minutes: start it again")
+    stop_after(words, out, command.stopped)
     stopped.touch()
 
 
-def stop_after(words: Sequence[str], minutes: float) -> None:
-    """Run a command that is told to end after so many minutes, and saves itself then.
+def stop_after(words: Sequence[str], out: Path, minutes: float) -> None:
+    """Run a training that is told to end so many minutes after it has begun, and saves itself then.
 
     Raises:
         PlatError: when it fails before.
     """
     print("\nplat", *words, flush=True)
     process = subprocess.Popen([sys.executable, "-m", "plat", *words])
+    begun = None
     try:
-        if status := process.wait(60 * minutes):
-            raise PlatError(f"plat {words[0]} ended with {status}; started again, this goes on from there")
-    except subprocess.TimeoutExpired:
-        process.terminate()
-        process.wait(_GRACE)
+        while (status := process.poll()) is None:
+            if begun is None and is_run(out):
+                begun = time.monotonic()
+            if begun is not None and time.monotonic() - begun >= 60 * minutes:
+                process.terminate()
+                process.wait(_GRACE)
+                return
+            time.sleep(0.5)
     finally:
         process.kill()
+    if status:
+        raise PlatError(f"plat {words[0]} ended with {status}; started again, this goes on from there")
 
 
 def _given(config: RepeatConfig) -> dict[str, str]:

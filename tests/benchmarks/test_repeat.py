@@ -93,7 +93,7 @@ def test_other_weights_are_refused():
 def test_commands_are_run_on_the_files_of_the_machine(motions, tmp_path, ran, monkeypatch):
     stopped = []
 
-    def stop_after(words, minutes):
+    def stop_after(words, out, minutes):
         stopped.append((words, minutes))
         save_run(tmp_path / "out" / "latent-slowing", small())
 
