@@ -5,15 +5,13 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from plat.cli.motion_files import SHORTEST, at_rate, common_rate, distinct, long_enough
+from plat.cli.motion_files import SHORTEST, at_rate, common_rate, distinct_names, long_enough
 from plat.cli.options import Map, Retarget
 from plat.cli.together import check_effect
 from plat.errors import MotionError
 from plat.figures import draw_skeleton, pyplot
 from plat.files import check_folder, keep_sources
-from plat.motions import MotionClip, save_motions
+from plat.motions import save_motions
 from plat.motions.files import name_at
 from plat.motions.paths import names_apart
 from plat.motions.retargeting import (
@@ -56,8 +54,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         print(line)
     names = names_apart(paths)
     if command.fps is not None:
-        names = [name_at(name, command.fps) for name in names]
-        names = [clip.name for clip in distinct([MotionClip(name, np.empty(0), 0.0) for name in names])]
+        names = distinct_names([name_at(name, command.fps) for name in names])
     written = ("train", "val", "test") if command.split else names
     keep_sources(paths, [command.out / f"{name}.npz" for name in written])
     print(f"{'clip':<44}{'frames':>7}{'s':>7}{columns}")

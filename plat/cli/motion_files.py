@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from plat.cli.options import MotionFiles
@@ -31,6 +30,7 @@ __all__ = [
     "check_out",
     "common_rate",
     "distinct",
+    "distinct_names",
     "file_name",
     "long_enough",
     "read",
@@ -171,8 +171,7 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
         written = [save_csv(out, clip, robot) for clip in clips]
     else:
         files = [part for file in files for part in _by_rate(file)]
-        stems = distinct([MotionClip(file.path.stem, np.empty(0), 0.0) for file in files])
-        written = [out / f"{stem.name}.npz" for stem in stems]
+        written = [out / f"{stem}.npz" for stem in distinct_names([file.path.stem for file in files])]
         keep_sources(sources, written)
         out.mkdir(parents=True, exist_ok=True)
         for path, file in zip(written, files, strict=True):
@@ -213,16 +212,26 @@ def check_out(out: Path, form: str) -> None:
 
 def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """Return the clips with a number behind a name that was there before."""
+    names = distinct_names([clip.name for clip in clips])
+    return [replace(clip, name=name) for clip, name in zip(clips, names, strict=True)]
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """Return the names with a number behind one that was there before.
+
+    >>> distinct_names(["a", "a", "a_2", "b", "a"])
+    ['a', 'a_2', 'a_2_2', 'b', 'a_3']
+    """
     taken: set[str] = set()
     numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(2))
-    named = []
-    for clip in clips:
-        name = clip.name
-        while name in taken:
-            name = f"{clip.name}_{next(numbers[clip.name])}"
-        taken.add(name)
-        named.append(replace(clip, name=name))
-    return named
+    found = []
+    for name in names:
+        free = name
+        while free in taken:
+            free = f"{name}_{next(numbers[name])}"
+        taken.add(free)
+        found.append(free)
+    return found
 
 
 def file_name(name: str) -> str:

@@ -8,10 +8,7 @@ plat motions map      MOCAP --out folder
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 import plat.headless  # noqa: F401
 
@@ -19,7 +16,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.captures import draw_maps, retarget
 from plat.cli.converting import convert, counted_verdicts, mirror
-from plat.cli.motion_files import GENERATED, distinct, file_name, read
+from plat.cli.motion_files import GENERATED, distinct_names, file_name, read
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionsCommand
 from plat.cli.together import check_effect
 from plat.errors import MotionError
@@ -57,10 +54,10 @@ def inspect(command: Inspect) -> list[MotionReport]:
         order = sorted(range(len(clips)), key=lambda index: urgency.index(reports[index].verdict))
         chosen = order[: command.pictures]
         draw_sheet(command.out / "contact_sheet.png", [clips[index] for index in chosen], robot)
-        sheet = MotionClip("contact_sheet", np.empty(0), 0.0)  # no clip's picture may be called so
-        named = distinct([sheet, *(replace(clip, name=file_name(clip.name)) for clip in clips)])[1:]
+        # no clip's picture may be called as the sheet is
+        names = distinct_names(["contact_sheet", *(file_name(clip.name) for clip in clips)])[1:]
         for index in chosen:
-            picture = command.out / f"{named[index].name}.png"
+            picture = command.out / f"{names[index]}.png"
             plot(picture, clips[index], reports[index], command.limits, robot)
         print(f"wrote {command.out}")
     if skipped:

@@ -1,19 +1,17 @@
 """``plat motions map``: pictures of maps, and proposed ones."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-import tyro
 
-from plat.cli import motions
-from plat.cli.options import MotionsCommand
 from plat.errors import MotionError
 from plat.motions.retargeting import load_map, read_bvh
+from tests.cli import motion_commands
 from tests.motions.retargeting.human import write_human
 from tests.motions.retargeting.test_propose import ODD
 
-
-def run(*arguments: object) -> object:
-    return motions.main(tyro.cli(MotionsCommand, args=["map", *map(str, arguments)]))
+run = partial(motion_commands.run, "map")
 
 
 def test_known_and_proposed_maps_are_drawn(tmp_path, capsys):
