@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 import tyro
 from roads import run
+from shell_blocks import calls
 
 from plat.bounds import Bounded, Positive
 from plat.errors import ConfigError, PlatError
@@ -39,7 +40,7 @@ MOTIONS = {
 """Files that a word of the page stands for."""
 EVERY = {"THIRD": 3, "SIXTH": 6}
 """Words that stand for one of so many Bandai-Namco clips, the first one among them."""
-_STOPPED = re.compile(r"\s# stopped after (\d+) minutes")
+_STOPPED = re.compile(r"stopped after (\d+) minutes")
 _GRACE = 600.0  # s for a training that is stopped to save itself
 
 
@@ -89,40 +90,19 @@ class Command:
 
 
 def commands(text: str) -> list[Command]:
-    """Return the commands in the shell blocks of a page, their variables and loops filled in, in its order.
+    """Return the commands of a page that make a run, in its order.
 
-    >>> page = '## `a`: b\\n```sh\\nX="--seed 1"\\nfor one in c d; do plat average $one $X --out runs/$one; done\\n```'
-    >>> for command in commands(page):
-    ...     print(*command.words, command.weights)
-    average c --seed 1 --out runs/c ('a',)
-    average d --seed 1 --out runs/d ('a',)
+    >>> page = "## `a`: b\\n```sh\\nplat average c --out runs/a   # stopped after 3 minutes\\n```"
+    >>> commands(page)
+    [Command(words=('average', 'c', '--out', 'runs/a'), weights=('a',), stopped=3.0)]
     """
-    found, variables = [], dict[str, str]()
-    for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
-        title, _, rest = section.partition("\n")
-        weights = tuple(re.findall(r"`([\w-]+)`", title))
-        for block in re.findall(r"^```sh\n(.*?)^```", rest + "\n", flags=re.DOTALL | re.MULTILINE):
-            for line in block.replace("\\\n", " ").splitlines():
-                stopped = _STOPPED.search(line)
-                for each in _loop(line):
-                    words = shlex.split(_filled(each, variables), comments=True)
-                    if len(words) == 1 and re.match("[A-Z0-9]+=", words[0]):
-                        name, _, variables[name] = words[0].partition("=")
-                    elif words[:1] == ["plat"] and "--out" in words:
-                        found.append(Command(tuple(words[1:]), weights, float(stopped[1]) if stopped else None))
+    found = []
+    for call in calls(text):
+        if "--out" in call.words:
+            stopped = _STOPPED.match(call.comment)
+            weights = tuple(re.findall(r"`([\w-]+)`", call.section))
+            found.append(Command(call.words, weights, float(stopped[1]) if stopped else None))
     return found
-
-
-def _loop(line: str) -> list[str]:
-    """Return a line, or the lines that a loop on one line stands for."""
-    if (loop := re.fullmatch(r"for (\w+) in ([^;]*); do (.*); done", line.strip())) is None:
-        return [line]
-    name, values, inner = loop.groups()
-    return [_filled(inner, {name: value}) for value in values.split()]
-
-
-def _filled(line: str, variables: Mapping[str, str]) -> str:
-    return re.sub(r"\$(\w+)", lambda match: variables.get(match[1], match[0]), line)
 
 
 def chain(name: str, page: Sequence[Command], given: Mapping[str, str]) -> list[Command]:

@@ -1,60 +1,33 @@
 import io
-import re
 import shlex
 import sys
 from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from shell_blocks import calls
+
 from plat.cli import COMMANDS
 from plat.cli.settings import parse
 from plat.modules import ExpertConfig
 from plat.recipes.expert import ExpertRecipe
 from plat.recipes.refine import RefineRecipe
+from tests.cli.pages import DOCS, ROOT
 
-ROOT = Path(__file__).parents[2]
-DOCS = [ROOT / "README.md", ROOT / "plat" / "weights" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-SHELL = re.compile(r"^ *```(?:sh|bash|shell|console)\b[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 REQUIRED = ["--motions", "x.npz", "--out", "x"]
+CALLS = [(page.stem, call.words) for page in DOCS for call in calls(page.read_text(encoding="utf-8"))]
 
 
-def commands(text: str) -> list[list[str]]:
-    """Return the calls of plat in the shell blocks of a page, their variables filled in."""
-    found, variables = [], {}
-    for block in SHELL.findall(text):
-        for line in block.replace("\\\n", " ").splitlines():
-            line = line.strip().removeprefix("$ ")
-            for name in sorted(variables, key=len, reverse=True):
-                line = line.replace("$" + name, variables[name])
-            words = shlex.split(line, comments=True)
-            if len(words) == 1 and "=" in words[0] and words[0].split("=")[0].isupper():
-                name, variables[name] = words[0].split("=", 1)[0], words[0].split("=", 1)[1]
-            elif words and words[0] == "plat":
-                found.append(words[1:])
-    return found
-
-
-PAGES = [(page, words) for page in DOCS for words in commands(page.read_text(encoding="utf-8"))]
-NAMES = [f"{page.stem}: {shlex.join(words)[:60]}" for page, words in PAGES]
-
-
-@pytest.mark.parametrize(("page", "words"), PAGES, ids=NAMES)
+@pytest.mark.parametrize(("page", "words"), CALLS, ids=[f"{page}: {shlex.join(words)[:60]}" for page, words in CALLS])
 def test_commands_in_the_docs_are_understood(page, words):
     name, *rest = words
     assert parse(COMMANDS[name].kind(), rest) is not None
 
 
-def test_every_block_for_a_shell_is_read():
-    text = "```sh\nplat a\n```\n```bash\nplat b \\\n  --c\n```\n- x\n  ```console\n  $ plat d\n  ```\n"
-    text += "```python\nplat e\n```\n"
-    assert commands(text) == [["a"], ["b", "--c"], ["d"]]
-    marked = {mark for page in DOCS for mark in re.findall(r"```(\w+)", page.read_text(encoding="utf-8"))}
-    assert marked <= {"bash", "json", "mermaid", "python", "sh", "yaml"}  # a new kind of shell block is to be read, too
-
-
 def test_the_weights_say_how_they_are_made():
-    stages = [words[0] for words in commands((ROOT / "plat" / "weights" / "README.md").read_text(encoding="utf-8"))]
-    assert {"expert", "distill", "refine"} <= set(stages)
+    page = ROOT / "plat" / "weights" / "README.md"
+    assert {"expert", "distill", "refine"} <= {call.words[0] for call in calls(page.read_text(encoding="utf-8"))}
 
 
 def test_presets():
