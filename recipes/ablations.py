@@ -123,8 +123,8 @@ HARD = ("brisk", "hard")
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A policy of a row: its name in files, what it is made of, and how to load it, densely or sparsely evaluated."""
+class RowPolicy:
+    """Policy of a row: its name in files, what it is made of, and how to load it, densely or sparsely evaluated."""
 
     slug: str
     files: tuple[Path, ...]
@@ -301,7 +301,7 @@ def train(recipe: AblationsRecipe) -> None:
 
 def on_cluster(
     recipe: AblationsRecipe,
-    released: dict[str, list[Candidate]],
+    released: dict[str, list[RowPolicy]],
     run: Callable[[Sequence[RayTask]], Iterator[tuple[RayTask, PlatError | None]]],
 ) -> None:
     """Train and score by tasks, and write each row into the table as soon as it is scored.
@@ -339,7 +339,7 @@ def on_cluster(
     }
     print(f"{len(tasks)} trainings and {len(scoring)} evaluations print into {recipe.out / 'logs'}")
     evaluate.print_head()
-    rows: dict[str, list[Candidate]] = {}
+    rows: dict[str, list[RowPolicy]] = {}
     table: dict[str, list[Score]] = {}
     errors = {}
     for task, error in run([*tasks, *scoring.values()]):
@@ -371,7 +371,7 @@ def task_of(recipe: AblationsRecipe, name: str, work: Callable[[], None]) -> Non
         work()
 
 
-def evaluate_all(name: str, candidate: Candidate, recipe: AblationsRecipe) -> None:
+def evaluate_all(name: str, candidate: RowPolicy, recipe: AblationsRecipe) -> None:
     """Evaluate a policy under all conditions; the records stay in their folder."""
     library = motions_for(candidate, recipe)
     conditions = [(recipe.horizon, False, None), (once(recipe), False, recipe.randomization)]
@@ -382,7 +382,7 @@ def evaluate_all(name: str, candidate: Candidate, recipe: AblationsRecipe) -> No
         pass
 
 
-def motions_for(candidate: Candidate, recipe: AblationsRecipe) -> MotionLibrary:
+def motions_for(candidate: RowPolicy, recipe: AblationsRecipe) -> MotionLibrary:
     """The motions, sampled by the control step of a policy."""
     control_dt = evaluate.common_control_dt({candidate.slug: candidate.load(False)}, recipe.horizon)
     return MotionLibrary.load(recipe.motions, get_robot(recipe.robot), dt=control_dt)
@@ -398,7 +398,7 @@ def steps_of(run: Path) -> int:
     return SavedRun(run).steps if is_run(run) else 0
 
 
-def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
+def released_rows(trackers: ReleasedTrackers) -> dict[str, list[RowPolicy]]:
     """Rows of the released trackers whose files were given."""
     rows = {}
     for name, path in trackers.files().items():
@@ -407,7 +407,7 @@ def released_rows(trackers: ReleasedTrackers) -> dict[str, list[Candidate]]:
             print(f"{name}: left out, give --trackers.{baseline.flag}")
             continue
         released_entrant(name, path, dense=False)  # what is wrong with a file had better be said first
-        rows[name] = [Candidate(baseline.flag, tuple(baseline.paths(path)), partial(released_entrant, name, path))]
+        rows[name] = [RowPolicy(baseline.flag, tuple(baseline.paths(path)), partial(released_entrant, name, path))]
     return rows
 
 
@@ -416,7 +416,7 @@ def released_entrant(name: str, path: Path, dense: bool) -> Entrant:
     return Entrant.of_tracker(CATALOG[name].load(path), dense)
 
 
-def trained_rows(recipe: AblationsRecipe) -> dict[str, list[Candidate]]:
+def trained_rows(recipe: AblationsRecipe) -> dict[str, list[RowPolicy]]:
     """Rows whose runs are there."""
     rows = {}
     for row in ROWS:
@@ -442,14 +442,14 @@ def has_weights(run: Path) -> bool:
     return is_run(run) and (run / "model.safetensors").exists()
 
 
-def run_candidate(run: Path, device: str) -> Candidate:
+def run_candidate(run: Path, device: str) -> RowPolicy:
     """The policy of a run."""
     files = (run / "config.json", run / "model.safetensors")
-    return Candidate(run.name, files, partial(Entrant.of_run, run, device))
+    return RowPolicy(run.name, files, partial(Entrant.of_run, run, device))
 
 
 def score(
-    rows: dict[str, list[Candidate]],
+    rows: dict[str, list[RowPolicy]],
     library: MotionLibrary,
     horizons: Sequence[str],
     recipe: AblationsRecipe,
@@ -478,7 +478,7 @@ def score(
 
 
 def cells_of(
-    candidates: Sequence[Candidate],
+    candidates: Sequence[RowPolicy],
     recipe: AblationsRecipe,
     horizons: Sequence[str],
     dense: bool,
@@ -491,7 +491,7 @@ def cells_of(
     return [Cell(policy, horizon, setting, label=label) for horizon in horizons for policy in policies]
 
 
-def entrant_of(candidate: Candidate, dense: bool) -> cells.Candidate:
+def entrant_of(candidate: RowPolicy, dense: bool) -> cells.Candidate:
     """The policy of a row as any process can load it."""
     made_of = [*(path.read_bytes() for path in candidate.files), *imported_code(), str(dense).encode()]
     return cells.Candidate(candidate.slug, partial(candidate.load, dense), fingerprint(made_of))
@@ -517,7 +517,7 @@ def grouped(scores: Sequence[Score], bins: dict[str, list[str]], horizon: str) -
 
 
 def write(
-    folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]], groups: Sequence[GroupScore] = ()
+    folder: Path, scores: Sequence[Score], rows: dict[str, list[RowPolicy]], groups: Sequence[GroupScore] = ()
 ) -> list[Path]:
     """Write ``scores.md``, ``scores.csv`` and the figures of a split; the figures."""
     write_table(folder, scores, rows, groups)
@@ -525,7 +525,7 @@ def write(
 
 
 def write_table(
-    folder: Path, scores: Sequence[Score], rows: dict[str, list[Candidate]], groups: Sequence[GroupScore] = ()
+    folder: Path, scores: Sequence[Score], rows: dict[str, list[RowPolicy]], groups: Sequence[GroupScore] = ()
 ) -> None:
     """Write ``scores.md`` and ``scores.csv`` of a split."""
     write_csv(folder / "scores.csv", scores)
@@ -537,7 +537,7 @@ def write_table(
     replace_file(folder / "scores.md", lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def described(candidate: Candidate) -> str:
+def described(candidate: RowPolicy) -> str:
     """Name of a policy, and how long it was trained where that is known."""
     run = candidate.files[0].parent
     if candidate.files[0].name != "config.json":

@@ -107,7 +107,7 @@ class Tracker(TensorDictModuleBase):
 
         It takes its own labels for its past actions, also where a student has acted.
         """
-        return _Labels(self)
+        return _LabelingTracker(self)
 
     def remembered(self, name: str, like: Tensor, starting: Tensor) -> Tensor:
         """Return the value stored under a name: zeros for robots that are ``starting`` ``[N]``, else a copy."""
@@ -133,7 +133,7 @@ class Tracker(TensorDictModuleBase):
         return tensordict
 
 
-class _Labels(TensorDictModuleBase):
+class _LabelingTracker(TensorDictModuleBase):
     """Tracker that writes ``expert_action`` and leaves ``action`` alone."""
 
     def __init__(self, tracker: Tracker):

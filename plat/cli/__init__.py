@@ -14,12 +14,12 @@ from typing import Any
 
 from plat.streams import standard_streams
 
-__all__ = ["COMMANDS", "Command", "main"]
+__all__ = ["COMMANDS", "Subcommand", "main"]
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command.
+class Subcommand:
+    """Subcommand of ``plat``.
 
     Attributes:
         module: whose ``main`` runs it.
@@ -39,81 +39,83 @@ class Command:
 
 
 COMMANDS = {
-    "expert": Command(
+    "expert": Subcommand(
         "plat.recipes.expert",
         "ExpertRecipe",
         "stage 1: train a dense motion-tracking expert with PPO",
     ),
-    "expert-model": Command(
+    "expert-model": Subcommand(
         "plat.recipes.expert_model",
         "ExpertModelRecipe",
         "stage 1 by imagination: in a learned model of the robot",
     ),
-    "imagine": Command(
+    "imagine": Subcommand(
         "plat.recipes.imagine",
         "ImagineRecipe",
         "a keyframe policy by imagination, without an expert",
     ),
-    "distill": Command(
+    "distill": Subcommand(
         "plat.recipes.distill",
         "DistillRecipe",
         "stage 2: teach a student that sees only keyframes, by DAgger",
     ),
-    "refine": Command(
+    "refine": Subcommand(
         "plat.recipes.refine",
         "RefineRecipe",
         "stage 3: refine the student with PPO on a residual in its latent",
     ),
-    "refine-model": Command(
+    "refine-model": Subcommand(
         "plat.recipes.refine_model",
         "RefineModelRecipe",
         "stage 3 by imagination: in a learned model of the robot",
     ),
-    "ablations": Command(
+    "ablations": Subcommand(
         "plat.recipes.ablations",
         "AblationsRecipe",
         "train and score every row of the paper's ablation",
     ),
-    "demo": Command(
+    "demo": Subcommand(
         "plat.recipes.demo",
         "DemoRecipe",
         "all three stages and the evaluation, small, in a few minutes",
     ),
-    "evaluate": Command("plat.cli.evaluate", "EvaluateRecipe", "score policies on motions: timed keyframe tracking"),
-    "benchmark": Command(
+    "evaluate": Subcommand("plat.cli.evaluate", "EvaluateRecipe", "score policies on motions: timed keyframe tracking"),
+    "benchmark": Subcommand(
         "plat.cli.benchmark",
         "BenchmarkRecipe",
         "score policies and released trackers on public motions, in one table",
     ),
-    "baselines": Command(
+    "baselines": Subcommand(
         "plat.cli.baselines",
         "BaselinesRecipe",
         "list released trackers: owner, version, hash, license, how to get them",
     ),
-    "play": Command("plat.cli.play", "PlayRecipe", "let a policy chase the keyframes of a file"),
-    "studio": Command(
+    "play": Subcommand("plat.cli.play", "PlayRecipe", "let a policy chase the keyframes of a file"),
+    "studio": Subcommand(
         "plat.cli.studio",
         "StudioRecipe",
         "pose keyframes in the browser and watch policies chase them",
     ),
-    "motions": Command("plat.cli.motions", "MotionsCommand", "inspect, convert, mirror and retarget motion files"),
-    "keyframes": Command(
+    "motions": Subcommand("plat.cli.motions", "MotionsCommand", "inspect, convert, mirror and retarget motion files"),
+    "keyframes": Subcommand(
         "plat.cli.keyframes",
         "KeyframesCommand",
         "make keyframe files out of motions, and look at them",
     ),
-    "export": Command(
+    "export": Subcommand(
         "plat.cli.export",
         "ExportRecipe",
         "write a policy as an ONNX bundle for robots and other simulators",
     ),
-    "sim-to-sim": Command(
+    "sim-to-sim": Subcommand(
         "plat.cli.sim_to_sim",
         "SimToSimRecipe",
         "score a bundle in MuJoCo at other physics than in training",
     ),
-    "average": Command("plat.cli.average", "AverageRecipe", "average the weights of runs that came from one another"),
-    "curves": Command("plat.cli.curves", "CurvesRecipe", "draw the learning curves of runs"),
+    "average": Subcommand(
+        "plat.cli.average", "AverageRecipe", "average the weights of runs that came from one another"
+    ),
+    "curves": Subcommand("plat.cli.curves", "CurvesRecipe", "draw the learning curves of runs"),
 }
 
 

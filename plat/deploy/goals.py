@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from plat.deploy.state import RobotState
 
-__all__ = ["GOAL_ENTRIES", "GoalView"]
+__all__ = ["GOAL_ENTRIES", "GoalArrays"]
 
 
 @dataclass(frozen=True)
-class GoalView:
-    """Inputs from which the entries of a goal are computed.
+class GoalArrays:
+    """Arrays from which the entries of a goal are computed.
 
     Args:
         state: of the robot.
@@ -34,11 +34,11 @@ class GoalView:
     parts: NDArray[np.float64] | None = None
 
 
-def _joint_pos(view: GoalView) -> NDArray[np.floating]:
+def _joint_pos(view: GoalArrays) -> NDArray[np.floating]:
     return view.target_joint_pos if view.parts is None else view.target_joint_pos * view.parts[: _joints(view)]
 
 
-def _root_pos_b(view: GoalView) -> NDArray[np.floating]:
+def _root_pos_b(view: GoalArrays) -> NDArray[np.floating]:
     if view.parts is None:
         return view.keypoint_pos_b[0]
     # height and horizontal position are apart in the world, not in a tilted root frame
@@ -46,21 +46,21 @@ def _root_pos_b(view: GoalView) -> NDArray[np.floating]:
     return (view.root_to_target_w * (horizontal, horizontal, height)) @ view.root_to_world
 
 
-def _root_rot6d_b(view: GoalView) -> NDArray[np.floating]:
+def _root_rot6d_b(view: GoalArrays) -> NDArray[np.floating]:
     sixd = (view.root_to_world.T @ view.target_to_world)[:, :2].T.ravel()
     return sixd if view.parts is None else sixd * view.parts[-1]
 
 
-def _keypoint_pos_b(view: GoalView) -> NDArray[np.floating]:
+def _keypoint_pos_b(view: GoalArrays) -> NDArray[np.floating]:
     points = view.keypoint_pos_b
     return points.ravel() if view.parts is None else (points * view.parts[_joints(view) : -3, None]).ravel()
 
 
-def _joints(view: GoalView) -> int:
+def _joints(view: GoalArrays) -> int:
     return len(view.target_joint_pos)
 
 
-GOAL_ENTRIES: dict[str, Callable[[GoalView], NDArray[np.floating]]] = {
+GOAL_ENTRIES: dict[str, Callable[[GoalArrays], NDArray[np.floating]]] = {
     "joint_pos": _joint_pos,
     "root_pos_b": _root_pos_b,
     "root_rot6d_b": _root_rot6d_b,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plat.bounds import Positive, check_value
 from plat.deploy.estimator import StateEstimator
 from plat.deploy.runner import JointCommand
-from plat.deploy.safety import CommandSource, Journal, OnboardController, OnboardReading, Policy
+from plat.deploy.safety import CommandSource, Journal, MotorPolicy, OnboardController, OnboardReading
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Pose
 
@@ -56,7 +56,7 @@ class LeRobotController:
 
     def __init__(
         self,
-        policy: Policy,
+        policy: MotorPolicy,
         source: CommandSource,
         settings: SafetySettings = SafetySettings(),
         anchor: Pose | None = None,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from plat.bounds import Count, check_value, is_finite, shown
 from plat.deploy.description import RobotDescription, check_description
-from plat.deploy.goals import GOAL_ENTRIES, GoalView
+from plat.deploy.goals import GOAL_ENTRIES, GoalArrays
 from plat.deploy.kinematics import KeypointKinematics
 from plat.deploy.state import Array, Pose, RobotState, state_widths
 from plat.errors import StateError
@@ -153,7 +153,9 @@ class ObservationBuilder:
         keypoint_pos_b = (self._target_keypoints_w - state.root_pos_w) @ root_to_world
         parts = self._mask(keyframe)
         to_target = self._target[:3] - np.asarray(state.root_pos_w, dtype=np.float64)
-        view = GoalView(state, self._target[7:], self._target_to_world, root_to_world, keypoint_pos_b, to_target, parts)
+        view = GoalArrays(
+            state, self._target[7:], self._target_to_world, root_to_world, keypoint_pos_b, to_target, parts
+        )
         robot = {
             "joint_pos": state.joint_pos - self._default_joint_pos,
             "joint_vel": state.joint_vel,

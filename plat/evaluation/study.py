@@ -299,7 +299,7 @@ def run_study(
     numbers = {horizon: every if clips is None else tuple(clips(horizon)) for horizon in (*plan.horizons, *plan.longer)}
     of_horizon = {horizon: library if kept == every else library.only(*kept) for horizon, kept in numbers.items()}
     main = of_horizon[plan.main_horizon]
-    labels = _Labels(plan, main, numbers[plan.main_horizon], next(iter(candidates.values())).timing)
+    labels = _Groups(plan, main, numbers[plan.main_horizon], next(iter(candidates.values())).timing)
     shown = {candidate.name: candidate.name for candidate in candidates}
 
     def run(cells: Sequence[Cell]) -> None:
@@ -359,7 +359,7 @@ def _renamed(items: Sequence[Any], names: Mapping[str, str]) -> list[Any]:
     return [replace(item, policy=names[item.policy]) for item in items if item.policy in names]
 
 
-class _Labels:
+class _Groups:
     """Groups of the clips and commands of the main horizon."""
 
     def __init__(self, plan: StudyPlan, motions: MotionLibrary, clips: Sequence[int], timing: Timing):
@@ -374,7 +374,7 @@ class _Labels:
 
 
 def _add(
-    study: Study, plan: StudyPlan, cell: Cell, name: str, records: CommandRecords | ClipRecords, labels: _Labels
+    study: Study, plan: StudyPlan, cell: Cell, name: str, records: CommandRecords | ClipRecords, labels: _Groups
 ) -> None:
     if isinstance(records, ClipRecords):
         study.clips.append(ClipScore.of(name, records))

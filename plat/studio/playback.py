@@ -13,13 +13,13 @@ from plat.spec.timing import Timing, timing_of
 from plat.studio.player import Player, score
 from plat.studio.timeline import Timeline
 
-__all__ = ["SPEEDS", "Playback", "common_timing", "nobody"]
+__all__ = ["SPEEDS", "PolicyPlayback", "common_timing", "nobody"]
 
 SPEEDS = {"1x": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1}
 """Speeds of playback by label: seconds of the robot per second."""
 
 
-class Playback:
+class PolicyPlayback:
     """Playback of the keyframes by the chosen policy, and by another one beside it.
 
     A chase is simulated once, from the start on. What was simulated can be looked at again at any time, until the
@@ -267,7 +267,7 @@ def nobody(policies: Collection[str]) -> str:
 def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
     """Return the timing for the keyframes of some policies: that with the longest commands.
 
-    Others are given long intervals in parts, see :meth:`Playback.sequence`.
+    Others are given long intervals in parts, see :meth:`PolicyPlayback.sequence`.
 
     Raises:
         StudioError: when the policies have different control steps.

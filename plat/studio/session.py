@@ -18,7 +18,7 @@ from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
 from plat.studio.pins import mirrored_parts, toggled
-from plat.studio.playback import Playback
+from plat.studio.playback import PolicyPlayback
 from plat.studio.player import chased
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed, symmetric
@@ -51,7 +51,7 @@ class Session:
 
     def __init__(self, robot: Robot, policies: Mapping[str, TensorDictModuleBase]):
         self.robot = robot
-        self.playback = Playback(robot, policies, lambda: self.timeline)
+        self.playback = PolicyPlayback(robot, policies, lambda: self.timeline)
         """Plays the keyframes."""
         self.timing = self.playback.timing
         """Timing of the keyframes: control step, and the longest command of all policies."""

@@ -11,7 +11,7 @@ from plat.modules import LatentPolicy, LatentPolicyConfig
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
-from plat.studio.playback import Playback
+from plat.studio.playback import PolicyPlayback
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
 
@@ -19,8 +19,8 @@ TIMELINE = Timeline.empty(G1).inserted(squat(), 0.4, "squat").inserted(G1.defaul
 
 
 @pytest.fixture
-def playback(policies) -> Playback:
-    return Playback(G1, policies, lambda: TIMELINE)
+def playback(policies) -> PolicyPlayback:
+    return PolicyPlayback(G1, policies, lambda: TIMELINE)
 
 
 def test_a_pause_keeps_the_robot_where_it_is(playback):
@@ -104,7 +104,7 @@ def test_a_long_interval_is_one_command_where_the_policy_knows_it():
         for name, steps in (("far", 150), ("near", 50))
     }
     far = Timeline.empty(G1).inserted(squat(), 2.5, "squat")
-    playback = Playback(G1, policies, lambda: far)
+    playback = PolicyPlayback(G1, policies, lambda: far)
     assert playback.timing.longest == 3.0
     assert [len(playback.sequence(name)) for name in ("far", "near")] == [1, 3]
     playback.step(30)
@@ -130,7 +130,7 @@ class Edited:
 
     def __init__(self, policies: dict[str, TensorDictModuleBase], timeline: Timeline):
         self.timeline = timeline
-        self.playback = Playback(G1, policies, lambda: self.timeline)
+        self.playback = PolicyPlayback(G1, policies, lambda: self.timeline)
 
 
 HANDS = TIMELINE.select(1).commanding(preset("hands", G1))
@@ -152,7 +152,7 @@ def test_a_policy_whose_simulation_ends_early_fell_and_the_one_beside_it_goes_on
     broken = LatentPolicy(G1)
     for weights in broken.parameters():
         weights.data.fill_(math.nan)
-    playback = Playback(G1, {"broken": broken.deployed(), "plat": policies["plat"]}, lambda: TIMELINE)
+    playback = PolicyPlayback(G1, {"broken": broken.deployed(), "plat": policies["plat"]}, lambda: TIMELINE)
     scores, notes = playback.compare(TIMELINE)
     (told,) = notes.values()
     assert re.fullmatch(r"at 0.00 s: the policy's action for joint .* is nan, .*; it fell from there on", told)

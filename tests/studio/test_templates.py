@@ -6,7 +6,7 @@ from plat.robots import G1
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 from plat.studio.checker import Checker
-from plat.studio.playback import Playback
+from plat.studio.playback import PolicyPlayback
 from plat.studio.poser import Poser
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline
@@ -24,7 +24,7 @@ def test_nothing_about_a_template_is_doubtful(name: str):
 
 def test_the_committed_policy_reaches_a_wave(policies):
     timeline = template("wave", EMPTY, POSER)
-    scores = Playback(G1, policies, lambda: timeline).compare(timeline)[0]["plat"]
+    scores = PolicyPlayback(G1, policies, lambda: timeline).compare(timeline)[0]["plat"]
     assert all(score.reached for score in scores)
 
 

@@ -22,13 +22,13 @@ from plat.errors import KeyframeError, PlatError
 from plat.json_file import short
 from plat.spec.timing import Timing
 
-__all__ = ["Policy", "SafeRunner"]
+__all__ = ["MotorPolicy", "SafeRunner"]
 
 Mode = Literal["wait", "ramp", "run", "end", "damping"]
 
 
-class Policy(Protocol):
-    """Protocol of a policy; :class:`plat.deploy.PolicyRunner` is one."""
+class MotorPolicy(Protocol):
+    """Protocol of a policy that drives motors; :class:`plat.deploy.PolicyRunner` is one."""
 
     @property
     def robot(self) -> RobotDescription:
@@ -76,7 +76,7 @@ class SafeRunner:
 
     def __init__(
         self,
-        policy: Policy,
+        policy: MotorPolicy,
         source: CommandSource,
         settings: SafetySettings = SafetySettings(),
         start: Array | None = None,

@@ -11,7 +11,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
-__all__ = ["Gait", "Tempo"]
+__all__ = ["Cadence", "Tempo"]
 
 # Steps a second of walking and running with a step of 1 m, and the power of the step's length with which they rise.
 # Measured on 951 clips with regular steps of retargeted people (Bandai-Namco, CMU, HDM05, SIE, ASE, g1-moves); 99 % of
@@ -48,8 +48,8 @@ class Tempo:
     @classmethod
     def of(cls, clip: MotionClip, robot: Robot) -> "Tempo | None":
         """Return the steps of a clip, or None where it has no regular gait. The clip's frame rate is not looked at."""
-        gait = Gait.of(clip, robot)
-        return None if gait is None else gait.tempo
+        cadence = Cadence.of(clip, robot)
+        return None if cadence is None else cadence.tempo
 
     @property
     def likely_rate(self) -> float:
@@ -66,8 +66,8 @@ class Tempo:
 
 
 @dataclass(frozen=True)
-class Gait:
-    """Regular steps, medians.
+class Cadence:
+    """Cadence of regular steps, medians.
 
     Attributes:
         frames: from step to step.
@@ -75,7 +75,7 @@ class Gait:
         stride: how far the feet are apart (m).
 
     >>> from plat.robots import G1
-    >>> Gait.of(MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0), G1) is None
+    >>> Cadence.of(MotionClip("standing", G1.default_qpos[None].repeat(60, 0), 30.0), G1) is None
     True
     """
 
@@ -84,8 +84,8 @@ class Gait:
     stride: float
 
     @classmethod
-    def of(cls, clip: MotionClip, robot: Robot, feet: torch.Tensor | None = None) -> "Gait | None":
-        """Return the gait of a clip. Steps that are few or irregular are no gait, and give None.
+    def of(cls, clip: MotionClip, robot: Robot, feet: torch.Tensor | None = None) -> "Cadence | None":
+        """Return the cadence of a clip. Steps that are few or irregular have none, and give None.
 
         Args:
             clip: the motion; its frame rate is not looked at.

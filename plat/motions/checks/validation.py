@@ -16,7 +16,7 @@ from plat.motions.checks.root_path import OtherPath, other_path
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.checks.steps import JointStep, joint_steps
-from plat.motions.checks.tempo import Gait
+from plat.motions.checks.tempo import Cadence
 from plat.motions.checks.underside import Underside
 from plat.motions.clip import ASSUMED_RATE, MotionClip, as_clips
 from plat.progress import tracked
@@ -159,8 +159,8 @@ def _measure(
     low, high = robot.joint_range.double().unbind(-1)
     feet_pos, feet_quat = soles.feet(qpos)
     points = soles.points_of(feet_pos, feet_quat)
-    gait = Gait.of(clip, robot, feet_pos)
-    tempo = None if gait is None else gait.tempo
+    cadence = Cadence.of(clip, robot, feet_pos)
+    tempo = None if cadence is None else cadence.tempo
     level = ground_level(points, clip.fps)
     if level > limits.floating:
         level = ground_level(points, clip.fps, underside.heights(clip.qpos).min(1))
@@ -182,7 +182,7 @@ def _measure(
         tempo=None if tempo is None else tempo.ratio(clip.fps),
         steps=tuple(joint_steps(clip, limits.step_speed, robot)),
         root_speed=float(qpos[:, :2].diff(dim=0).norm(dim=-1).mean()) * clip.fps,
-        in_place=gait is not None and gait.in_place,
+        in_place=cadence is not None and cadence.in_place,
         path=other_path(points, clip.qpos[:, :3], clip.fps) if _stands(qpos) else None,
         repeats=_repeats(clip.qpos),
         rate_assumed=ASSUMED_RATE in clip.notes,

@@ -26,7 +26,7 @@ from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 from plat.words import counted
 
-__all__ = ["Parts", "split_columns"]
+__all__ = ["TableColumns", "split_columns"]
 
 # Nobody turns so far from frame to frame in a quarter of all frames (rad).
 _FASTEST_TURN = 0.15
@@ -49,7 +49,7 @@ _DEGREES, _RADIANS = {"deg", "degree", "degrees"}, {"rad", "radian", "radians"}
 
 
 @dataclass(frozen=True)
-class Parts:
+class TableColumns:
     """The columns of a table by what they are, not converted.
 
     Attributes:
@@ -80,7 +80,7 @@ class Parts:
     units: Units | None = None
 
 
-def split_columns(table: Table, robot: Robot) -> Parts:
+def split_columns(table: Table, robot: Robot) -> TableColumns:
     """Return the parts of a table, found by its header as far as that says them, else by place.
 
     Raises:
@@ -111,7 +111,7 @@ def _by_name(
     rest: list[int],
     times: tuple[np.ndarray, str] | None,
     robot: Robot,
-) -> Parts:
+) -> TableColumns:
     values = table.values
     _refuse_empty(table, [*place, *turn, *joints])
     said = units_in_comments(table.comments)
@@ -142,7 +142,7 @@ def _by_name(
     angles, more = _in_radians(values[:, joints], stated, [names], robot, seed)
     notes += more
     units = stated_length(stating([table.header[n] for n in place], said.length))
-    return Parts(values[:, place], quat, angles, names, order, times, seed, tuple(notes), told, turns, units)  # type: ignore[arg-type]
+    return TableColumns(values[:, place], quat, angles, names, order, times, seed, tuple(notes), told, turns, units)  # type: ignore[arg-type]
 
 
 def _in_radians(
@@ -196,7 +196,7 @@ def _turns(values: np.ndarray, header: Sequence[str], seed: bool, named: bool) -
 
 def _by_place(
     table: Table, kinds: list[Column], columns: list[int], times: tuple[np.ndarray, str] | None, robot: Robot
-) -> Parts:
+) -> TableColumns:
     values = table.values[:, columns]
     notes: list[str] = []
     sizes = (robot.num_joints, len(without_wrists(robot)))
@@ -243,7 +243,7 @@ def _by_place(
     ]
     angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
     notes += told
-    return Parts(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
+    return TableColumns(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
 
 
 def _refuse_empty(table: Table, columns: Sequence[int]) -> None:

@@ -21,7 +21,7 @@ from plat.motions.formats.clock import (
     stated_rates,
     unit_of_times,
 )
-from plat.motions.formats.columns import Parts, split_columns
+from plat.motions.formats.columns import TableColumns, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.names import is_time
@@ -116,13 +116,13 @@ def csv_text(clip: MotionClip, joint_names: tuple[str, ...], stem: str | None = 
     return "\n".join((*named, *doubt, ",".join(header), *rows, ""))
 
 
-def _clip(name: str, parts: Parts, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
+def _clip(name: str, parts: TableColumns, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
     fps = _USUAL_FPS if options.fps is None else options.fps
     return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS, written=parts.units)
 
 
 def _in_joint_order(
-    name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
+    name: str, parts: TableColumns, joint_pos: np.ndarray, options: ReadOptions
 ) -> tuple[np.ndarray, list[str]]:
     """Return the joints of a table without names in the robot's order, which the motion shows."""
     if parts.names is not None or parts.joints.shape[1] != options.robot.num_joints:
@@ -136,7 +136,7 @@ def _in_joint_order(
     return in_robot_order(joint_pos, listed, options.robot), notes
 
 
-def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions) -> Parts:
+def _with_turn(name: str, parts: TableColumns, joint_pos: np.ndarray, options: ReadOptions) -> TableColumns:
     """Return a table's parts with the orientation that the feet confirm, where its columns leave several open."""
     if not parts.turns:
         return parts
@@ -150,7 +150,7 @@ def _with_turn(name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOpti
 
 
 def _quat_order(
-    path: Path, name: str, parts: Parts, joint_pos: np.ndarray, options: ReadOptions
+    path: Path, name: str, parts: TableColumns, joint_pos: np.ndarray, options: ReadOptions
 ) -> tuple[QuatOrder, str, list[str]]:
     """Return the order of the quaternion, what says so, and notes."""
     if options.quat_order is not None:
@@ -172,7 +172,7 @@ def _quat_order(
 
 
 def _rate(
-    path: Path, table: Table, parts: Parts, clip: MotionClip, options: ReadOptions
+    path: Path, table: Table, parts: TableColumns, clip: MotionClip, options: ReadOptions
 ) -> tuple[float, tuple[str, ...], bool]:
     """Return the frame rate, what it was taken from, and whether it was assumed and the motion fits it.
 

@@ -4,7 +4,7 @@ import torch
 
 from plat.motions import MotionClip, generate_motions, validate_motion
 from plat.motions.checks.feet import Soles
-from plat.motions.checks.tempo import Gait, Tempo
+from plat.motions.checks.tempo import Cadence, Tempo
 from plat.motions.generation import generate_named
 from plat.robots import G1
 
@@ -63,8 +63,8 @@ def striding(speed: float) -> MotionClip:
 
 
 def test_a_root_that_stays_in_place_is_seen():
-    assert Gait.of(striding(0.0), G1).in_place
-    assert not Gait.of(striding(1.5), G1).in_place
+    assert Cadence.of(striding(0.0), G1).in_place
+    assert not Cadence.of(striding(1.5), G1).in_place
     report = validate_motion(striding(0.0))
     assert report.verdict != "use"
     assert any("its root stays in place" in reason for reason in report.reasons)
@@ -73,7 +73,7 @@ def test_a_root_that_stays_in_place_is_seen():
 
 def test_what_is_known_of_the_feet_is_used(walk):
     feet, turns = Soles(G1).feet(torch.from_numpy(walk.qpos))
-    assert Gait.of(walk, G1, feet) == Gait.of(walk, G1)
-    still = Gait.of(walk, G1, torch.zeros_like(feet))
+    assert Cadence.of(walk, G1, feet) == Cadence.of(walk, G1)
+    still = Cadence.of(walk, G1, torch.zeros_like(feet))
     assert still is None
     torch.testing.assert_close(Soles(G1).points_of(feet, turns), Soles(G1).points(torch.from_numpy(walk.qpos)))
