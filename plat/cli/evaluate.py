@@ -395,7 +395,7 @@ def print_head() -> None:
 def print_score(score: Score, seconds: float) -> None:
     """Print a line of the table."""
     cells = (METRICS[name].text(score.figures[name]) for name in HEADLINE)
-    falls = f"{score.figures['fall_rate'].value:.1f}"
+    falls = METRICS["fall_rate"].text(score.figures["fall_rate"].value)
     tks, mpjpe, mpkpe = cells
     print(f"{score.policy:<22}{score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)
 

@@ -82,6 +82,8 @@ def test_scores_on_the_card_are_those_of_the_table():
             unit = 1000 if row["metric"] == "mpkpe" else 1
             value, low, high = (unit * float(row[name]) for name in ("value", "low", "high"))
             digits = {"tks": 1, "mpjpe": 3, "mpkpe": 0}.get(row["metric"], 0)
+            if row["metric"] == "tks":  # where one command was missed, no 100 is told
+                value, low, high = (min(part, 99.9) if part < 100 else part for part in (value, low, high))
             told = f"{value:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
             found.setdefault((row["policy"], row["horizon"]), {})[row["metric"]] = told
     told = scores_on(PAGES[0].read_text(encoding="utf-8"))
