@@ -4,6 +4,7 @@ It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmar
 """
 
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -75,8 +76,16 @@ def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) 
 
 
 def _page(folder: Path, about: dict[str, Any], head: str, names: Sequence[str], pictures: str) -> str:
+    if not pictures:
+        head = _outside_the_docs(head)
     sections = [_section(name, read_study(folder / name), folder / name, pictures + name, about) for name in names]
     return "\n".join([head, *sections])
+
+
+def _outside_the_docs(head: str) -> str:
+    """Return the head of a page that lies beside its files, where the other pages of the docs are not."""
+    named = re.sub(r"\[([^]]+)\]\((\w[\w/]*\.md)[^)]*\)", r"\1 (plat's docs/\2)", head)
+    return named.replace("from the files in `benchmark`", "from the files beside it")
 
 
 def group_figure(kind: str) -> str:
