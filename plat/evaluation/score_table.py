@@ -63,11 +63,14 @@ class Metric:
     def text(self, value: "float | Estimate", sign: str = "") -> str:
         """Return a value in the unit of tables; an estimate with its interval; a dash for what was not measured.
 
-        A percentage is rounded as by :func:`plat.words.percent`, but for one with a sign, which is a difference.
+        A percentage is rounded as by :func:`plat.words.percent`, but for one with a sign, which is a difference. An
+        interval without a width, as of one motion, says nothing of others and is left out.
         """
         if isinstance(value, Estimate):
             if math.isnan(value.value):
                 return "-"
+            if value.low == value.value == value.high:
+                return self._rounded(value.value, sign)
             middle, low, high = (self._rounded(part, sign) for part in (value.value, value.low, value.high))
             return f"{middle} ({low}-{high})"
         return "-" if math.isnan(value) else self._rounded(value, sign)

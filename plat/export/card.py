@@ -97,7 +97,7 @@ def _cell(score: BundleScore | None, digits: int, factor: int) -> str:
         return "-"
     shown = percent if score.metric == "tks" else "{:.{}f}".format
     value, low, high = (shown(factor * part, digits) for part in (score.value, score.low, score.high))
-    return f"{value} ({low}-{high})"
+    return value if score.low == score.value == score.high else f"{value} ({low}-{high})"
 
 
 def _limits(settings: Mapping[str, Any]) -> str:

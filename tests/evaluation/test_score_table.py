@@ -70,6 +70,17 @@ def test_no_differences_without_the_policy(scores):
     assert differences(scores[:1], "PLAT") == ""
 
 
+def test_an_interval_of_one_motion_is_left_out():
+    """Of two pieces of one motion nothing follows for other motions: 100.0 (100.0-100.0) would claim certainty."""
+    never = torch.zeros(4, dtype=torch.bool)
+    one = records(failed=never, fell=never, source=torch.zeros(4, dtype=torch.int64))
+    text = markdown([Score.of("mine", "long", [one])])
+    assert "| TKS@3 (%) | 100.0 |" in text
+    assert "| falls (%) | 0.0 |" in text
+    assert "(" not in text.split("| MPJPE@3 (rad) |")[1].splitlines()[0]
+    assert METRICS["tks"].text(Estimate(100.0, 39.8, 100.0)) == "100.0 (39.8-100.0)"
+
+
 def test_one_miss_of_ten_thousand_is_not_rounded_away():
     most = Estimate(99.99, 99.96, 100.0)
     assert METRICS["tks"].text(most) == "99.9 (99.9-100.0)"
