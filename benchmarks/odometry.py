@@ -25,6 +25,7 @@ from plat.motions import MotionLibrary
 from plat.robots import G1, describe_robot
 from plat.rotations_np import quat_to_matrix
 from plat.runs import load_policy, report_errors
+from plat.words import percent
 
 
 @dataclass(kw_only=True)
@@ -169,7 +170,7 @@ def report(rows: list[ClipDrift]) -> None:
         "tilt": f"{np.degrees(fmean(row.tilt for row in rows)):.2f} degrees",
         "heading": f"{turned / seconds * 60:.1f} degrees a minute",
         "velocity": f"{fmean(row.speed for row in rows):.3f} m/s",
-        "TKS@3": f"{100 * reached:.1f} %",
+        "TKS@3": f"{percent(100 * reached)} %",
     }
     for name, text in figures.items():
         print(f"{name:<20}{text}")

@@ -34,6 +34,7 @@ from plat.motions import MotionClip, MotionLibrary
 from plat.runs import load_policy, report_errors
 from plat.runs.policies import Policy, deployed
 from plat.spec.timing import Timing, timing_of
+from plat.words import percent
 
 Space = Literal["latent", "action"]
 FIRST_SCALE: dict[Space, float] = {"latent": 0.5, "action": 0.05}
@@ -83,7 +84,7 @@ class Ways:
 
     def cells(self) -> list[str]:
         """Return them as they stand in a table: in percent, mm and rad/s^3."""
-        return [f"{100 * self.met:.1f}", f"{1e3 * self.apart:.1f}", f"{1e3 * self.at_arrival:.1f}", f"{self.jerk:.0f}"]
+        return [percent(100 * self.met), f"{1e3 * self.apart:.1f}", f"{1e3 * self.at_arrival:.1f}", f"{self.jerk:.0f}"]
 
 
 class Noise(nn.Module):

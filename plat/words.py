@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 
-__all__ = ["beyond", "counted", "in_table", "perhaps"]
+__all__ = ["beyond", "counted", "in_table", "percent", "perhaps"]
 
 
 def beyond(value: float, limit: float, digits: int = 2) -> str:
@@ -40,6 +40,24 @@ def in_table(name: str | None) -> str:
     ('wave\\n1', '\\x1b[31mred', 'hält', '')
     """
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in name or "")
+
+
+def percent(value: float, digits: int = 1) -> str:
+    """Return a percentage for a table; only what is 0 is rounded to 0, and only what is 100 to 100.
+
+    One of 10,000 commands that was missed would otherwise stand there as none.
+
+    Args:
+        value: in percent.
+        digits: behind the point.
+
+    >>> percent(99.99), percent(100.0), percent(0.003), percent(0.0), percent(12.34)
+    ('99.9', '100.0', '0.1', '0.0', '12.3')
+    """
+    shown, least = f"{value:.{digits}f}", 10.0**-digits
+    if value < 100 <= float(shown):
+        return f"{100 - least:.{digits}f}"
+    return f"{least:.{digits}f}" if value > 0 and float(shown) == 0 else shown
 
 
 def perhaps(name: object, known: Iterable[str]) -> str:

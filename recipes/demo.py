@@ -29,6 +29,7 @@ from plat.rendering import RenderingError, Stage, contact_sheet, film_with_progr
 from plat.runs import SavedRun, is_run, load_policy, report_errors
 from plat.runs.shipped import shipped_runs
 from plat.tasks import TimedKeyframesConfig
+from plat.words import percent
 
 # what can be learned in a few minutes
 FAMILIES = "stand+reach+walk+squat+wave+bow+step"
@@ -164,7 +165,7 @@ def print_table(scores: list[Score]) -> None:
         line = f"{name:<26}"
         for horizon in PAPER_HORIZONS:
             tks, mpjpe, mpkpe = (cells[run, horizon][key].value for key in HEADLINE)
-            line += f"{f'{tks:.1f} / {error_text(mpjpe)} / {distance_text(mpkpe)}':<22}"
+            line += f"{f'{percent(tks)} / {error_text(mpjpe)} / {distance_text(mpkpe)}':<22}"
         print(line)
 
 

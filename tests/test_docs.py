@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from plat.cli import COMMANDS
-from tests.cli.test_settings import SHELL
+from tests.cli.pages import calls
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -135,8 +135,8 @@ def test_the_readme_is_short():
 
 
 def commands_named(text: str) -> set[str]:
-    blocks = "".join(SHELL.findall(text))
-    return set(re.findall(r"(?m)^plat ([a-z][\w-]*)", blocks)) | set(re.findall(r"`plat ([a-z][\w-]*)", text))
+    in_blocks = {call.words[0] for call in calls(text) if call.words}
+    return in_blocks | set(re.findall(r"`plat ([a-z][\w-]*)", text))
 
 
 def test_commands_in_the_docs_exist():

@@ -4,6 +4,7 @@ It writes ``docs/results.md``, and copies tables and pictures to ``docs/benchmar
 """
 
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -38,10 +39,11 @@ about.*
 _UNSAID = "not said in its file"
 _READING = """\
 Rows that were trained on other motions differ by that as well as by their method: compare those of
-one list. Intervals are 95 %, bootstrapped over motions. Every row is given the same commands. A
-dense tracker is shown its keyframe by the [interface](evaluation.md#released-trackers) in
-parentheses: the best one by TKS@3 at Mixed. Calm and everyday motion saturates TKS@3: rows differ
-on brisk and hard motion, and in their errors.
+one list. Intervals are 95 %, bootstrapped over motions; where all samples of them are alike, as of
+a group of one motion, there is none. Every row is given the same commands. A dense tracker is shown
+its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one by
+TKS@3 at Mixed, or at the first horizon where that is not among them. Calm and everyday motion
+saturates TKS@3: rows differ on brisk and hard motion, and in their errors.
 """
 _ALT = {
     "radar": "TKS@3, MPJPE@3 and MPKPE@3 over the horizons",
@@ -74,8 +76,16 @@ def page(folder: Path, pictures: str = "", sets: Collection[str] | None = None) 
 
 
 def _page(folder: Path, about: dict[str, Any], head: str, names: Sequence[str], pictures: str) -> str:
+    if not pictures:
+        head = _outside_the_docs(head)
     sections = [_section(name, read_study(folder / name), folder / name, pictures + name, about) for name in names]
     return "\n".join([head, *sections])
+
+
+def _outside_the_docs(head: str) -> str:
+    """Return the head of a page that lies beside its files, where the other pages of the docs are not."""
+    named = re.sub(r"\[([^]]+)\]\((\w[\w/]*\.md)[^)]*\)", r"\1 (plat's docs/\2)", head)
+    return named.replace("from the files in `benchmark`", "from the files beside it")
 
 
 def group_figure(kind: str) -> str:

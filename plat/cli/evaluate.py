@@ -308,11 +308,19 @@ def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) 
             f"policies of different arrival windows: {told} control steps; score those of each on their own"
         )
     for horizon in horizons:
-        lengths = {name: horizon_named(horizon, entrant.timing).longest for name, entrant in entrants.items()}
+        lengths = {name: _longest(name, entrant, horizon) for name, entrant in entrants.items()}
         if len(set(lengths.values())) > 1:
             told = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise PlatError(f"horizon {horizon!r}: longest commands of {told} control steps, expected them all alike")
     return next(iter(steps.values()))
+
+
+def _longest(name: str, entrant: Entrant, horizon: str) -> int:
+    """Return the control steps of a horizon's longest command, for an entrant that knows as many."""
+    try:
+        return horizon_named(horizon, entrant.timing).longest
+    except PlatError as error:
+        raise type(error)(f"{name}: {error}") from None
 
 
 def score_authored(
@@ -395,7 +403,7 @@ def print_head() -> None:
 def print_score(score: Score, seconds: float) -> None:
     """Print a line of the table."""
     cells = (METRICS[name].text(score.figures[name]) for name in HEADLINE)
-    falls = f"{score.figures['fall_rate'].value:.1f}"
+    falls = METRICS["fall_rate"].text(score.figures["fall_rate"].value)
     tks, mpjpe, mpkpe = cells
     print(f"{score.policy:<22}{score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)
 

@@ -73,7 +73,7 @@ class ScoringConfig(Bounded):
     seed: Seed = 0
     """draws the commands, and the disturbances"""
     num_envs: Robots = 256
-    """robots that are simulated at a time; undisturbed, the figures do not depend on it"""
+    """robots that are simulated at a time; no score depends on it"""
     wandb: bool = False
     """log table and figures to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False

@@ -31,7 +31,7 @@ from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
-from plat.words import counted
+from plat.words import counted, percent
 
 
 def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
@@ -86,7 +86,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         joint, keypoint = mean_errors(succeeded)
         share, falls = len(succeeded) / len(scores), fmean(score.root_off for score in scores)
         errors = f"{error_text(joint):>13}{distance_text(keypoint):>12}"
-        print(f"{physics.name:<40}{100 * share:>10.1f}{100 * falls:>9.1f}{errors}", flush=True)
+        print(f"{physics.name:<40}{percent(100 * share):>10}{percent(100 * falls):>9}{errors}", flush=True)
         for line in told:
             print(f"  {line}", flush=True)
     print(f"errors are means over the keyframes that {success} counts, of what they command")

@@ -28,6 +28,7 @@ from plat.keyframes.chain_needs import lacking
 from plat.motions import MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing
+from plat.words import percent
 
 __all__ = [
     "AuthoredRecords",
@@ -369,4 +370,4 @@ def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
 
 
 def _cell(figure: Interval) -> str:
-    return "-" if math.isnan(figure[0]) else "{:.1f} ({:.1f}-{:.1f})".format(*figure)
+    return "-" if math.isnan(figure[0]) else "{} ({}-{})".format(*map(percent, figure))

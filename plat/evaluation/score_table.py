@@ -9,6 +9,7 @@ from typing import Any
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, compare, report
 from plat.files import replace_table
+from plat.words import percent
 
 __all__ = [
     "AUTHORED_METRICS",
@@ -44,8 +45,8 @@ class Metric:
         higher_is_better: or lower.
         factor: from the SI unit of reports and CSV files to the unit shown.
 
-    >>> METRICS["mpkpe"].text(0.0478)
-    '48'
+    >>> METRICS["mpkpe"].text(0.0478), METRICS["tks"].text(99.97)
+    ('48', '99.9')
     """
 
     title: str
@@ -60,14 +61,24 @@ class Metric:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def text(self, value: "float | Estimate", sign: str = "") -> str:
-        """Return a value in the unit of tables; an estimate with its interval; a dash for what was not measured."""
-        if math.isnan(value.value if isinstance(value, Estimate) else value):
-            return "-"
+        """Return a value in the unit of tables; an estimate with its interval; a dash for what was not measured.
+
+        A percentage is rounded as by :func:`plat.words.percent`, but for one with a sign, which is a difference. An
+        interval without a width, as of one motion, says nothing of others and is left out.
+        """
         if isinstance(value, Estimate):
-            value = Estimate(*(self.factor * part for part in (value.value, value.low, value.high)))
-        else:
-            value = self.factor * value
-        return f"{value:{sign}.{self.digits}f}"
+            if math.isnan(value.value):
+                return "-"
+            if value.low == value.value == value.high:
+                return self._rounded(value.value, sign)
+            middle, low, high = (self._rounded(part, sign) for part in (value.value, value.low, value.high))
+            return f"{middle} ({low}-{high})"
+        return "-" if math.isnan(value) else self._rounded(value, sign)
+
+    def _rounded(self, value: float, sign: str) -> str:
+        if self.unit == "%" and not sign:
+            return percent(value, self.digits)
+        return f"{self.factor * value:{sign}.{self.digits}f}"
 
 
 METRICS = {

@@ -6,6 +6,7 @@ from typing import Any
 from plat.deploy.bundle import Bundle, BundleScore
 from plat.export.data_sets import license_table, licenses_told
 from plat.runs.saved_run import SavedRun
+from plat.words import percent
 
 __all__ = ["model_card", "run_card"]
 
@@ -94,8 +95,9 @@ def _score_table(scores: tuple[BundleScore, ...] | None) -> str:
 def _cell(score: BundleScore | None, digits: int, factor: int) -> str:
     if score is None:
         return "-"
-    value, low, high = (f"{factor * part:.{digits}f}" for part in (score.value, score.low, score.high))
-    return f"{value} ({low}-{high})"
+    shown = percent if score.metric == "tks" else "{:.{}f}".format
+    value, low, high = (shown(factor * part, digits) for part in (score.value, score.low, score.high))
+    return value if score.low == score.value == score.high else f"{value} ({low}-{high})"
 
 
 def _limits(settings: Mapping[str, Any]) -> str:

@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -146,6 +147,10 @@ def test_one_document_and_figures_of_every_kind(finished, recipe, monkeypatch):
     ):
         assert wanted in text, wanted
     assert str(recipe.out.parent) not in text
+    linked = re.findall(r"\]\(([^)#]+)", text)
+    assert len(linked) > 10
+    assert [target for target in linked if not (recipe.out / target).exists()] == []
+    assert "Evaluation (plat's docs/evaluation.md) says" in text
     # again: nothing is evaluated, and the same comes out
     monkeypatch.setattr(Cell, "evaluate", None)
     monkeypatch.setattr(authored_cells, "evaluate_authored", None)

@@ -411,8 +411,11 @@ def test_a_policy_of_other_timing_is_scored_by_its_own(runs, capsys):
 
 
 def test_commands_longer_than_a_policy_knows_are_refused(runs):
-    with pytest.raises(PlatError, match="horizon 'distant': 150 control steps, expected at most the policy's 50"):
-        evaluate.main(recipe(runs, "plain", horizon=("distant",)))
+    save_run(runs / "far", PlainPolicy(G1, replace(SMALL, timing=Timing(max_steps=150))))
+    told = "^plain: horizon 'distant': 150 control steps, expected at most the policy's 50"
+    for names in (("plain",), ("far", "plain")):
+        with pytest.raises(PlatError, match=told):
+            evaluate.main(recipe(runs, *names, horizon=("distant",)))
 
 
 def test_policies_of_different_timing_are_not_mixed(runs):

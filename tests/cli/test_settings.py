@@ -1,19 +1,15 @@
 import io
 import shlex
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from shell_blocks import calls
 
 from plat.cli import COMMANDS
 from plat.cli.settings import parse
 from plat.modules import ExpertConfig
 from plat.recipes.expert import ExpertRecipe
 from plat.recipes.refine import RefineRecipe
-from tests.cli.pages import DOCS, ROOT
+from tests.cli.pages import DOCS, ROOT, calls
 
 REQUIRED = ["--motions", "x.npz", "--out", "x"]
 CALLS = [(page.stem, call.words) for page in DOCS for call in calls(page.read_text(encoding="utf-8"))]

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from plat.cli import COMMANDS
 from plat.cli.settings import parse
 from plat.runs.locate import shipped_runs
-from tests.cli.test_settings import commands
+from tests.cli.pages import calls
 
 WEIGHTS = Path(__file__).parents[2] / "plat" / "weights"
 PAGES = [WEIGHTS / "README.md", WEIGHTS.parents[1] / "docs" / "notes" / "weights.md"]
@@ -58,10 +58,10 @@ def leaves(values: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def written(page: Path) -> dict[str, list[str]]:
+def written(page: Path) -> dict[str, tuple[str, ...]]:
     """Return the command that wrote each run; the first one of a name, for later ones go on from the weights."""
-    found: dict[str, list[str]] = {}
-    for words in commands(page.read_text(encoding="utf-8")):
+    found: dict[str, tuple[str, ...]] = {}
+    for words in (call.words for call in calls(page.read_text(encoding="utf-8"))):
         if "--out" in words:
             found.setdefault(Path(words[words.index("--out") + 1]).name, words)
     return found
@@ -82,6 +82,8 @@ def test_scores_on_the_card_are_those_of_the_table():
             unit = 1000 if row["metric"] == "mpkpe" else 1
             value, low, high = (unit * float(row[name]) for name in ("value", "low", "high"))
             digits = {"tks": 1, "mpjpe": 3, "mpkpe": 0}.get(row["metric"], 0)
+            if row["metric"] == "tks":  # where one command was missed, no 100 is told
+                value, low, high = (min(part, 99.9) if part < 100 else part for part in (value, low, high))
             told = f"{value:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
             found.setdefault((row["policy"], row["horizon"]), {})[row["metric"]] = told
     told = scores_on(PAGES[0].read_text(encoding="utf-8"))

@@ -145,6 +145,15 @@ def test_a_table_has_a_row_a_family() -> None:
     assert lines[3].endswith("| - | 0.0 (0.0-97.5) | - |")
 
 
+def test_one_keyframe_of_thousands_is_not_rounded_away() -> None:
+    rows = torch.zeros(2000, dtype=torch.long)
+    columns = {name: column[rows] for name, column in vars(records()).items() if isinstance(column, torch.Tensor)}
+    columns |= {"sample": torch.arange(2000), "fell": rows > 0, "reached": torch.ones(2000, 2, dtype=torch.bool)}
+    columns["reached"][0, 0] = False
+    (line,) = authored_table(AuthoredRecords(["a"] * 2000, **columns)).splitlines()[2:]
+    assert line.startswith("| a | 2000 | 0.0 (0.0-0.2) | 99.9 (99.9-100.0) |")
+
+
 def test_a_file_has_a_line_for_every_figure(tmp_path: Path) -> None:
     write_authored_csv(tmp_path / "scores.csv", {"plat": records()})
     lines = (tmp_path / "scores.csv").read_text().splitlines()

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from plat.evaluation import METRICS, Estimate, Score, differences, markdown, report, write_csv
+from plat.evaluation.score_table import CLIP_METRICS
 from tests.evaluation.test_report import records, spread
 
 
@@ -67,6 +68,29 @@ def test_on_one_motion_nobody_is_ahead_beyond_chance():
 
 def test_no_differences_without_the_policy(scores):
     assert differences(scores[:1], "PLAT") == ""
+
+
+def test_an_interval_of_one_motion_is_left_out():
+    """Of two pieces of one motion nothing follows for other motions: 100.0 (100.0-100.0) would claim certainty."""
+    never = torch.zeros(4, dtype=torch.bool)
+    one = records(failed=never, fell=never, source=torch.zeros(4, dtype=torch.int64))
+    text = markdown([Score.of("mine", "long", [one])])
+    assert "| TKS@3 (%) | 100.0 |" in text
+    assert "| falls (%) | 0.0 |" in text
+    assert "(" not in text.split("| MPJPE@3 (rad) |")[1].splitlines()[0]
+    assert METRICS["tks"].text(Estimate(100.0, 39.8, 100.0)) == "100.0 (39.8-100.0)"
+
+
+def test_one_miss_of_ten_thousand_is_not_rounded_away():
+    most = Estimate(99.99, 99.96, 100.0)
+    assert METRICS["tks"].text(most) == "99.9 (99.9-100.0)"
+    assert CLIP_METRICS["clip_success"].text(100.0) == "100.0"
+    assert METRICS["fall_rate"].text(Estimate(0.01, 0.0, 0.04)) == "0.1 (0.0-0.1)"
+    assert METRICS["tks"].text(-0.01, "+") == "-0.0"  # a difference is no share
+    assert METRICS["mpkpe"].text(0.0001) == "0"
+    many = records().of_rows(torch.arange(4000) % 2)
+    many.failed = torch.arange(4000) == 0
+    assert "| mine | 99.9 / " in markdown([Score.of("mine", "single", [many])])
 
 
 def test_what_was_not_measured_is_a_dash():

@@ -55,6 +55,10 @@ def test_a_table_of_scores(card):
     assert "| long | 99.5 (99.2-99.8) | 0.100 (0.090-0.110) | - |" in text
     assert "| mixed | - | - | 48 (44-51) |" in text
     assert "no `evaluation.csv` in the run directory" in card()
+    of_one_motion = (BundleScore("long", "tks", 100.0, 100.0, 100.0),)
+    assert "| long | 100.0 | - | - |" in card(scores=of_one_motion)
+    missed = (BundleScore("single", "tks", 99.97, 99.93, 100.0), BundleScore("single", "mpkpe", 0.00001, 0.0, 0.0001))
+    assert "| single | 99.9 (99.9-100.0) | - | 0 (0-0) |" in card(scores=missed)  # some were missed
 
 
 @pytest.mark.parametrize(
