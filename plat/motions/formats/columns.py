@@ -26,7 +26,7 @@ from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 from plat.words import counted
 
-__all__ = ["Parts", "split_columns"]
+__all__ = ["Parts", "is_pose", "split_columns"]
 
 # Nobody turns so far from frame to frame in a quarter of all frames (rad).
 _FASTEST_TURN = 0.15
@@ -214,7 +214,7 @@ def _by_place(
     if not table.header and joints == 2 * sizes[0] + 6:
         values, columns, joints = values[:, : 7 + sizes[0]], columns[: 7 + sizes[0]], sizes[0]
         notes.append(f"the last {sizes[0] + 6} columns left out (velocities)")
-    if not table.header and joints == sizes[0] + 7 and _is_pose(values[:, -7:]):
+    if not table.header and joints == sizes[0] + 7 and is_pose(values[:, -7:]):
         values, columns, joints = values[:, :-7], columns[:-7], sizes[0]
         notes.append("the last 7 columns left out (an object)")
     if joints not in sizes:
@@ -339,7 +339,7 @@ def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:
     return [found[axis] for axis in axes] if len(columns) == len(axes) == len(found) and set(found) == set(axes) else []
 
 
-def _is_pose(values: np.ndarray) -> bool:
+def is_pose(values: np.ndarray) -> bool:
     """Return whether seven columns are a place and a unit quaternion."""
     return bool(np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() < 0.01)
 
