@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,23 @@ def test_a_file_in_another_order_is_read_right(tmp_path, label, order):
 
 def test_broken_angles_have_no_order():
     assert likely_order(np.full((3, 29), np.nan), G1) is None
+
+
+@pytest.mark.parametrize("joint", ["right_shoulder_roll", "left_hip_roll", "left_knee"])
+@pytest.mark.parametrize("ending", ["npz", "npy", "pkl"])
+def test_a_broken_angle_is_told_and_no_side_blamed(tmp_path, joint, ending):
+    rows = clip_with_arms(0.7).qpos.astype(float)
+    column = 7 + OWN.index(joint)
+    rows[5, column] = np.nan
+    path = tmp_path / f"walk_50fps.{ending}"
+    if ending == "npz":
+        np.savez(path, qpos=rows, fps=50)
+    elif ending == "npy":
+        np.save(path, rows)
+    else:
+        path.write_bytes(pickle.dumps({"qpos": rows, "fps": 50}))
+    with pytest.raises(MotionError, match=rf"qpos\[5, {column}\] is nan, expected a finite number"):
+        load_motions(path)
 
 
 def test_real_motions_keep_their_order(shared_data):
