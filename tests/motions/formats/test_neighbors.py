@@ -224,6 +224,7 @@ RIGHT = {
     "fps as text": npz(clip=ROWS, fps="50"),
     "names as bytes": npz(clip=ROWS, fps=50, joint_names=np.array([name.encode() for name in JOINTS])),
     "names as objects": npz(clip=ROWS, fps=50, joint_names=np.array(JOINTS, dtype=object)),
+    "numbers as objects": npz(qpos=ROWS.astype(object), fps=np.array(50, dtype=object)),
     "time step": npz(clip=ROWS, dt=0.02),
     "a count and a rate in an archive": npz(qpos=ROWS, t=COUNT, fps=50),
     "times of something else in an archive": npz(qpos=ROWS, times=[0.1, 0.4, 0.9], fps=50),
