@@ -246,6 +246,13 @@ def _read(
         marked: whether plat wrote them.
     """
     if not fitting:
+        for name, array in arrays.items():
+            if name != "body_pos_w" and array.ndim == 3 and array.shape[1] > 1 and array.shape[2] == len("xyz"):
+                raise MotionError(
+                    f"{name!r} has shape {array.shape} and is no robot's motion; joint positions of a human are read "
+                    "as 'joints' with the names of these joints beside them ('joint_names', toes among them), or "
+                    "without names of the SMPL family (22 joints and more)"
+                )
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong

@@ -296,6 +296,10 @@ REFUSED = {
         r"expected one array \(frames, 36\) each",
     ),
     "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
+    "joint positions of another skeleton": (
+        npz(joints=np.zeros((40, 17, 3)), fps=50),
+        r"'joints' has shape \(40, 17, 3\) and is no robot's motion; joint positions of a human are read .*names",
+    ),
     "joint positions in an npy": (npy(np.zeros((40, 22, 3))), "write them with np.savez"),
     "a rate in a comment and another in the name": (
         table(before="# rate: 25 Hz\n"),
