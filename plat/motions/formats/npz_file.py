@@ -178,7 +178,12 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
     beside = path.with_name("meta.json")
     if not beside.is_file():
         return []
-    meta: Any = read_json(beside, MotionError, "the 'meta.json' beside it")
+    try:
+        meta: Any = read_json(beside, MotionError, "the 'meta.json' beside it")
+    except MotionError:
+        if states_rate(arrays):  # any data set may have such a file, and this archive does not need it
+            return ["the 'meta.json' beside it left out: it cannot be read"]
+        raise
     if not isinstance(meta, dict):
         return []
     added = []
@@ -191,7 +196,7 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
                 raise MotionError(f"the 'meta.json' beside it: {name!r} is {short(value)}, expected {expected}")
             arrays[name] = np.array(value)
             added.append(name)
-    conflicts = "fps" in meta and "fps" not in added and options.fps is None
+    conflicts = type(meta.get("fps")) in (int, float) and "fps" not in added and options.fps is None
     if conflicts and abs(number(arrays["fps"], "fps") - number(meta["fps"], "fps")) > 0.5:
         raise MotionError(
             f"it states {number(arrays['fps'], 'fps'):g} frames a second and the 'meta.json' beside it "

@@ -472,6 +472,15 @@ def test_a_broken_meta_json(tmp_path, meta, message):
         load_motions(tmp_path / "a.npz")
 
 
+@pytest.mark.parametrize("meta", ["{broken", '{"fps": "as recorded"}', '{"fps": null}', "[1]"])
+def test_an_archive_that_states_its_rate_needs_no_meta_json(tmp_path, meta):
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, fps=50)
+    (tmp_path / "meta.json").write_text(meta)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    assert file.clips[0].fps == 50
+    assert ("the 'meta.json' beside it left out: it cannot be read" in file.facts) == (meta == "{broken")
+
+
 def test_old_arrays_of_loco_mujoco_are_named(tmp_path):
     np.savez(tmp_path / "walk.npz", q_pelvis_tx=np.zeros(5), q_pelvis_tilt=np.zeros(5), q_torso_joint=np.zeros(5))
     with pytest.raises(MotionError, match="an old data set of loco-mujoco"):
