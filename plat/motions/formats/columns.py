@@ -43,6 +43,8 @@ _SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nsec", "nsecs", "nanosec", "nanosecs
 _OF_WALLS = {"wall", "system", "host", "recv", "received", "receive", "log", "rosbag"}
 # share of the steps of a count that are its usual one, whatever the column is called
 _MOST = 0.8
+# words of what may stand for the root, and beside it is none
+_NEAR_ROOT = {"torso", "trunk", "odom", "odometry"}
 # words that only Euler angles have in their names
 _NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
 _DEGREES, _RADIANS = {"deg", "degree", "degrees"}, {"rad", "radian", "radians"}
@@ -92,6 +94,7 @@ def split_columns(table: Table, robot: Robot) -> Parts:
     by_kind = {
         kind: [n for n, column in enumerate(kinds) if column.kind == kind] for kind in ("place", "quat", "euler")
     }
+    by_kind = {kind: _of_root(table.header, found, 4 if kind == "quat" else 3) for kind, found in by_kind.items()}
     place = _axes(kinds, by_kind["place"], "xyz")
     turn = _axes(kinds, by_kind["quat"], "wxyz") or _axes(kinds, by_kind["euler"], "xyz")
     joints = [n for n, column in enumerate(kinds) if column.kind == "joint"]
@@ -331,6 +334,13 @@ def _counts_up(values: np.ndarray) -> bool:
     found, counts = np.unique(steps, return_counts=True)
     usual = counts.argmax() if len(steps) else 0
     return len(steps) > 0 and bool((values % 1 == 0).all() and found[usual] > 0 and counts[usual] > _MOST * len(steps))
+
+
+def _of_root(header: Sequence[str], columns: list[int], count: int) -> list[int]:
+    """Return the columns of the root, where more than so many may be: those of a torso beside it are not."""
+    if len(columns) <= count:
+        return columns
+    return [n for n in columns if not set(tokens(header[n])) & _NEAR_ROOT] or columns
 
 
 def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:

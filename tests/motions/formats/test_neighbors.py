@@ -189,6 +189,13 @@ RIGHT = {
         header=ROOT + JOINTS + [f"left_hand_{n}_joint" for n in range(7)],
         rows=np.column_stack((ROWS, np.zeros((40, 7)))),
     ),
+    "a torso beside the root": table(
+        header=ROOT + [f"torso_{axis}" for axis in ("x", "y", "z", "qw", "qx", "qy", "qz")] + JOINTS,
+        rows=np.column_stack((ROWS[:, :7], np.tile([0.1, 0, 1, 0.6, 0, 0, 0.8], (40, 1)), ROWS[:, 7:])),
+    ),
+    "a torso for the root": table(
+        header=[name.replace("root", "torso") for name in ROOT] + JOINTS,
+    ),
     "velocities beside": table(
         header=ROOT + JOINTS + [f"{name}_vel" for name in JOINTS], rows=np.column_stack((ROWS, 0 * ROWS[:, 7:]))
     ),
