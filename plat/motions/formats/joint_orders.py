@@ -92,7 +92,12 @@ def usual_orders(robot: Robot) -> Mapping[str, list[str]]:
             *of_side(arms, "right"),
         ],
     }
-    return {label: order for label, order in orders.items() if order != names and sorted(order) == sorted(names)}
+    different: dict[str, list[str]] = {}
+    for label, order in orders.items():
+        # without a waist or wrists some are the same
+        if order not in (names, *different.values()) and sorted(order) == sorted(names):
+            different[label] = order
+    return different
 
 
 def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]] | None:

@@ -1,4 +1,5 @@
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,6 +34,13 @@ def test_orders_hold_every_joint_once():
     assert len({tuple(order) for order in orders.values()} | {tuple(OWN)}) == 11
     for order in orders.values():
         assert sorted(order) == sorted(OWN)
+
+
+def test_orders_of_a_robot_without_a_waist_differ_from_each_other():
+    """Equal ones would both lead to recorded bodies, and which it is would not be told."""
+    names = ("left_hip", "left_knee", "right_hip", "right_knee", "left_elbow", "right_elbow")
+    orders = [tuple(order) for order in usual_orders(SimpleNamespace(joint_names=names, depth=len)).values()]
+    assert len({names, *orders}) == 1 + len(orders) > 2
 
 
 def test_the_robot_s_own_order_needs_no_word():
