@@ -20,7 +20,15 @@ from plat.motions.formats.clock import (
     stated_rates,
     times_of_fields,
 )
-from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
+from plat.motions.formats.common import (
+    OTHER_ORDER,
+    MotionFile,
+    QuatOrder,
+    ReadOptions,
+    arrange_joints,
+    make_clip,
+    strings,
+)
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
@@ -187,7 +195,9 @@ class _Motion:
         if self.names is not None or joint_pos.ndim != 2 or joint_pos.dtype.kind not in "fiu":
             return None
         if joint_pos.shape[1] == len(without_wrists(robot)):
-            return _Layout(tuple(unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)))
+            joints = unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)
+            in_order = joints == [name for name in robot.joint_names if name in joints]
+            return _Layout(tuple(joints), () if in_order else (OTHER_ORDER,))
         if joint_pos.shape[1] != robot.num_joints:
             return None
         joints, notes = settle_joint_order(
@@ -203,7 +213,8 @@ class _Motion:
         if layout is not None and len(layout.joints) == robot.num_joints:
             joint_pos, notes = in_robot_order(joint_pos, layout.joints, robot), layout.notes
         elif layout is not None:
-            names, notes = list(layout.joints), layout.notes
+            names, notes = [name for name in robot.joint_names if name in layout.joints], layout.notes
+            joint_pos = joint_pos[:, [layout.joints.index(name) for name in names]]
         joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
         notes = (*more, *notes)
         clip = self._read(joint_pos, order, notes)
