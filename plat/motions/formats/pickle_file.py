@@ -255,7 +255,8 @@ def _layouts(
         if len(others) == 1:
             layouts[key] = _Layout(others.pop(), ("joints as in the file's other motions",))
         elif count != robot.num_joints:
-            layouts[key] = _Layout(tuple(without_wrists(robot)))  # the format of ASAP and PBHC
+            assumed = f"which {count} joints it has assumed, as ASAP and PBHC have them: its poses leave it open"
+            layouts[key] = _Layout(tuple(without_wrists(robot)), (assumed,))
         else:
             with naming(key):
                 raise doubt

@@ -194,6 +194,8 @@ def test_23_joints_in_doubt_are_those_of_the_others(tmp_path):
     (tmp_path / "one.pkl").write_bytes(pickle.dumps(doubtful))
     (alone,) = load_motions(tmp_path / "one.pkl")
     assert "no wrists in the file: default pose" in alone.notes
+    assert "which 23 joints it has assumed, as ASAP and PBHC have them: its poses leave it open" in alone.notes
+    assert not any("assumed" in note for note in first.notes)
 
 
 def undecided(angles):
