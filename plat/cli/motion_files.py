@@ -1,9 +1,7 @@
 """Read and write what commands about motion files are given and make, and tell what of it was left out."""
 
-import itertools
 import re
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from plat.motions.clip import ASSUMED_RATE
 from plat.motions.files import csv_name, csv_stem, name_at
 from plat.motions.formats.rate import without_rates
 from plat.motions.generation import PREFIX, generate_named
+from plat.motions.paths import distinct_names
 from plat.motions.resample import resample_qpos
 from plat.robots import G1, Robot, get_robot
 from plat.spec.timing import Timing
@@ -214,24 +213,6 @@ def distinct(clips: Sequence[MotionClip]) -> list[MotionClip]:
     """Return the clips with a number behind a name that was there before."""
     names = distinct_names([clip.name for clip in clips])
     return [replace(clip, name=name) for clip, name in zip(clips, names, strict=True)]
-
-
-def distinct_names(names: Sequence[str]) -> list[str]:
-    """Return the names with a number behind one that was there before.
-
-    >>> distinct_names(["a", "a", "a_2", "b", "a"])
-    ['a', 'a_2', 'a_2_2', 'b', 'a_3']
-    """
-    taken: set[str] = set()
-    numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(2))
-    found = []
-    for name in names:
-        free = name
-        while free in taken:
-            free = f"{name}_{next(numbers[name])}"
-        taken.add(free)
-        found.append(free)
-    return found
 
 
 def file_name(name: str) -> str:

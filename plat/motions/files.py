@@ -31,7 +31,7 @@ from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.sonic import is_part_of_sonic, sonic_parts
 from plat.motions.formats.units import Angles, Units
-from plat.motions.paths import find_files, listed_paths, read_twice
+from plat.motions.paths import distinct_names, find_files, listed_paths, read_twice
 from plat.motions.readers import NAMED, READERS
 from plat.motions.retargeting.asf import skeletons_beside
 from plat.progress import tracked
@@ -358,17 +358,15 @@ def _equal(one: MotionClip, other: MotionClip) -> bool:
 def _named_apart(files: list[MotionFile]) -> list[MotionFile]:
     """Return the files with other names for clips of several files that are called alike: their file's or folder's."""
     count = Counter(name for file in files for name in {clip.name for clip in file.clips})
-    taken: Counter[str] = Counter()
 
-    def apart(clip: MotionClip, path: Path) -> MotionClip:
+    def apart(clip: MotionClip, path: Path) -> str:
         if count[clip.name] < 2:
-            return clip
+            return clip.name
         stem = readable(path.stem)
-        name = f"{readable(path.absolute().parent.name) if clip.name == stem else stem}_{clip.name}"
-        taken[name] += 1
-        return replace(clip, name=name if taken[name] == 1 else f"{name}_{taken[name]}")
+        return f"{readable(path.absolute().parent.name) if clip.name == stem else stem}_{clip.name}"
 
-    return [replace(file, clips=[apart(clip, file.path) for clip in file.clips]) for file in files]
+    names = iter(distinct_names([apart(clip, file.path) for file in files for clip in file.clips]))
+    return [replace(file, clips=[replace(clip, name=next(names)) for clip in file.clips]) for file in files]
 
 
 _STATED = {"quat_order": "a root quaternion of four numbers", "angles": "angles of a human's joints, .bvh or .amc"}

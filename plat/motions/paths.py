@@ -2,16 +2,17 @@
 
 import glob
 import hashlib
+import itertools
 import os
 import re
-from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from plat.errors import MotionError
 from plat.files import as_path, expand_home
 
-__all__ = ["find_files", "listed_paths", "names_apart", "patterns_in", "read_twice"]
+__all__ = ["distinct_names", "find_files", "listed_paths", "names_apart", "patterns_in", "read_twice"]
 
 # what to do with files of other kinds, by their endings
 _INSTEAD = {
@@ -42,7 +43,8 @@ def find_files(
     """Return the files that paths, folders and globs name, without repeats, in sorted order for each.
 
     Hidden files and folders, and copies of a file such as ``walk (1).npz`` beside an equal ``walk.npz``, are left out
-    of what folders hold. Equal files that are not named as copies are taken, and told of.
+    of what folders hold. Equal files that are not named as copies are taken, and told of. Links to folders are
+    followed, but none is gone through twice.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
@@ -62,8 +64,7 @@ def find_files(
         path = expand_home(as_path(pattern, "motion file", MotionError))
         if os.path.isdir(path):  # false for a name that is too long, too
             # folders may be called like files, and links of a store lead nowhere until what they stand for is there
-            every = sorted(file for file in path.rglob("*") if file.suffix.lower() in sought)
-            every = [file for file in every if not any(part.startswith(".") for part in file.relative_to(path).parts)]
+            every = sorted(file for file in _below(path) if file.suffix.lower() in sought)
             found = _without_lost(every, copies, told)
             found = found if copies else _without_copies(found, told, twice)
         elif os.path.exists(path):
@@ -101,16 +102,33 @@ def patterns_in(patterns: str | Path | Iterable[str | Path]) -> list[str | Path]
 def names_apart(paths: Sequence[Path]) -> list[str]:
     """Return a name for each file: its own without the ending, with its folder's before it where several are alike.
 
+    A number stands behind a name that is taken all the same.
+
     >>> names_apart([Path("a/walk.bvh"), Path("b/walk.bvh"), Path("b/run.bvh")])
     ['a_walk', 'b_walk', 'run']
+    >>> names_apart([Path("x/a/walk.bvh"), Path("y/a/walk.bvh"), Path("a_walk_2.bvh")])
+    ['a_walk', 'a_walk_2', 'a_walk_2_2']
     """
-    count, taken = Counter(path.stem for path in paths), Counter[str]()
-    names = []
-    for path in paths:
-        name = path.stem if count[path.stem] == 1 else f"{path.parent.name}_{path.stem}"
-        taken[name] += 1
-        names.append(name if taken[name] == 1 else f"{name}_{taken[name]}")
-    return names
+    count = Counter(path.stem for path in paths)
+    return distinct_names([path.stem if count[path.stem] == 1 else f"{path.parent.name}_{path.stem}" for path in paths])
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """Return the names with a number behind one that was there before.
+
+    >>> distinct_names(["a", "a", "a_2", "b", "a"])
+    ['a', 'a_2', 'a_2_2', 'b', 'a_3']
+    """
+    taken: set[str] = set()
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(2))
+    found = []
+    for name in names:
+        free = name
+        while free in taken:
+            free = f"{name}_{next(numbers[name])}"
+        taken.add(free)
+        found.append(free)
+    return found
 
 
 def read_twice(pair: tuple[Path, Path]) -> str:
@@ -120,6 +138,29 @@ def read_twice(pair: tuple[Path, Path]) -> str:
     'read twice: b.npz is the same as a.npz'
     """
     return f"read twice: {pair[0]} is the same as {pair[1]}"
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """Yield the files below a folder, and links to what is not there, but nothing that is hidden.
+
+    Folders that links lead to are gone through when all others are, and none twice: a link to what holds the folder
+    itself would lead back to it.
+    """
+    root = os.path.join(os.path.realpath(folder), "")
+    seen: set[str] = set()
+    waiting = [str(folder)]
+    while waiting:
+        for at, folders, files in os.walk(waiting.pop(0)):
+            place = os.path.realpath(at)
+            if place in seen:
+                folders.clear()
+                continue
+            seen.add(place)
+            shown = sorted(name for name in folders if not name.startswith("."))
+            linked = [os.path.join(at, name) for name in shown if os.path.islink(os.path.join(at, name))]
+            waiting += [link for link in linked if not root.startswith(os.path.join(os.path.realpath(link), ""))]
+            folders[:] = [name for name in shown if os.path.join(at, name) not in linked]
+            yield from (Path(at, name) for name in files if not name.startswith("."))
 
 
 def _without_lost(paths: list[Path], strict: bool, told: list[str] | None) -> list[Path]:

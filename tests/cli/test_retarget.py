@@ -27,6 +27,14 @@ def test_good_files_are_written_and_a_broken_one_is_named(tmp_path):
     assert [clip.name for clip in load_motions(out)] == ["clip_0", "clip_1"]
 
 
+def test_captures_of_one_name_keep_their_motions(tmp_path):
+    for name in ("x/a/clip", "y/a/clip", "z/a_clip_2"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        write_human(tmp_path / f"{name}.bvh", frames=4)
+    assert run(tmp_path / "x", tmp_path / "y", tmp_path / "z", "--out", tmp_path / "out").returncode == 0
+    assert len(load_motions(tmp_path / "out")) == 3
+
+
 def test_a_split_of_other_captures_does_not_stay(tmp_path):
     folder, out = tmp_path / "bvh", tmp_path / "motions"
     folder.mkdir()

@@ -145,6 +145,21 @@ def test_links_to_what_is_not_there_are_told_of(tmp_path, clip):
             motion_paths(tmp_path / pattern, strict=strict)
 
 
+def test_folders_that_links_lead_to_are_read_once(tmp_path, clip):
+    for name in ("set/own/a.npz", "set/own/deep/b.npz", "elsewhere/c.npz", "elsewhere/.cache/d.npz"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        save_motions(tmp_path / name, [clip])
+    given = tmp_path / "set"
+    links = {"far": tmp_path / "elsewhere", "again": given / "own", "own/deep/up": given, ".hidden": tmp_path}
+    for link, to in links.items():
+        (given / link).symlink_to(to)
+    (tmp_path / "elsewhere" / "back").symlink_to(tmp_path)
+    found = [str(path.relative_to(given)) for path in motion_paths(given)]
+    assert found == ["far/c.npz", "own/a.npz", "own/deep/b.npz"]
+    (tmp_path / "link").symlink_to(given)
+    assert len(motion_paths(tmp_path / "link")) == 3
+
+
 def test_names_with_another_rate():
     assert [name_at(name, 50.0) for name in ("a_60fps", "a", "a_50hz", "a_dt0.01", "60fps", "a_120fps_to_50fps")] == [
         *("a_50fps", "a", "a_50hz", "a_50fps", "motion_50fps", "a_120fps_to_50fps")
@@ -193,6 +208,9 @@ def test_clips_of_one_name_are_kept_apart(tmp_path):
         write_csv(tmp_path / folder / "bow.csv", bowing_clip())
         save_motions(tmp_path / f"{folder}.npz", [bowing_clip()])
     assert [found.name for found in load_motions(tmp_path)] == ["a_bow", "a_bow_2", "b_bow", "b_bow_2"]
+    save_motions(tmp_path / "c.npz", [replace(bowing_clip(), name=name) for name in ("a_bow", "a_bow_2")])
+    names = [found.name for found in load_motions(tmp_path)]
+    assert len(names) == len(set(names)) == 6
 
 
 @pytest.mark.parametrize(

@@ -82,10 +82,14 @@ def _lifts_feet(before: MotionClip, after: MotionClip, robot: Robot, limits: Val
         return False
     soles = Soles(robot)
     points, repaired = (soles.points(torch.from_numpy(clip.qpos)) for clip in (before, after))
-    low = points[..., 2].amin((1, 2)) - ground_level(points, before.fps)  # the floor of a clip that floats or sinks
-    standing = stance(points, before.fps) & (low.abs() < limits.floating)
-    lifted = repaired[..., 2].amin((1, 2)) > limits.penetration
-    return bool((standing & lifted).sum() > _FEW * standing.sum())
+    low, height = (each[..., 2].amin((1, 2)) for each in (points, repaired))
+    floor = ground_level(points, before.fps)  # of a clip that floats or sinks
+    standing = stance(points, before.fps) & ((low - floor).abs() < limits.floating)
+    few = _FEW * standing.sum()
+    # what leaves the feet of a clip that floats where they are is not to blame for their height
+    moved = (height - low).abs() > limits.floating
+    lifted = height > limits.penetration
+    return bool((standing & moved).sum() > few and (standing & lifted).sum() > few)
 
 
 _Needed = Callable[[MotionReport, MotionClip], bool]

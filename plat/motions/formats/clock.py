@@ -25,6 +25,7 @@ __all__ = [
     "contradiction",
     "counts_frames",
     "distinct_rates",
+    "even_frames",
     "evenly_timed",
     "numbering_fault",
     "rate_fields",
@@ -111,22 +112,45 @@ def evenly_timed(clip: MotionClip, times: np.ndarray) -> MotionClip:
     """
     if len(times) != len(clip.qpos):
         return clip
-    even = np.linspace(times[0], times[-1], len(times))
-    usual = even[1] - even[0]
-    steps = np.diff(times) / usual / clip.fps
-    told = f"frames {steps.min():.3g} to {steps.max():.3g} s apart"
-    if np.abs(times - even).max() <= usual:
-        uneven = steps.min() < _SHORT * np.median(steps)
-        return replace(clip, notes=(*clip.notes, f"{told}, read as even")) if uneven else clip
-    before = np.searchsorted(times, even[1:-1], side="right") - 1
-    weight = (even[1:-1] - times[before]) / (times[before + 1] - times[before])
+    told, found = even_frames(times, clip.fps)
+    if found is None:
+        return replace(clip, notes=(*clip.notes, told)) if told else clip
+    before, weight = (part[1:-1] for part in found)
     qpos = clip.qpos.copy()
     start, end = torch.from_numpy(clip.qpos[before]), torch.from_numpy(clip.qpos[before + 1])
     part = torch.from_numpy(weight).to(start)
     between = torch.lerp(start, end, part[:, None])
     between[:, 3:7] = quat_slerp(start[:, 3:7], end[:, 3:7], part)
     qpos[1:-1] = between.numpy()
-    return replace(clip, qpos=qpos, notes=(*clip.notes, f"{told}, resampled to even ones"))
+    return replace(clip, qpos=qpos, notes=(*clip.notes, told))
+
+
+def even_frames(times: np.ndarray, fps: float) -> tuple[str, tuple[np.ndarray, np.ndarray] | None]:
+    """Return what is to be said of times ``[T]``, and where even ones lie between them if they are far from even.
+
+    Args:
+        times: that rise.
+        fps: frames a second that they are on average.
+
+    Returns:
+        A note, or an empty text; and the frame before each of the even times ``[T]`` with its share of the way to the
+        next frame ``[T]``, or None where the frames are taken as even.
+
+    >>> even_frames(np.arange(5) / 50, 50.0)
+    ('', None)
+    >>> told, found = even_frames(np.array([0.0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 16]) / 50, 34.375)
+    >>> told, found[0].tolist()
+    ('frames 0.02 to 0.04 s apart, resampled to even ones', [0, 1, 2, 4, 5, 6, 7, 8, 8, 9, 10, 10])
+    """
+    even = np.linspace(times[0], times[-1], len(times))
+    usual = even[1] - even[0]
+    steps = np.diff(times) / usual / fps
+    told = f"frames {steps.min():.3g} to {steps.max():.3g} s apart"
+    if np.abs(times - even).max() <= usual:
+        return (f"{told}, read as even" if steps.min() < _SHORT * np.median(steps) else ""), None
+    before = (np.searchsorted(times, even, side="right") - 1).clip(0, len(times) - 2)
+    weight = ((even - times[before]) / (times[before + 1] - times[before])).clip(0, 1)
+    return f"{told}, resampled to even ones", (before, weight)
 
 
 def unit_of_times(times: np.ndarray, rate: float) -> str:

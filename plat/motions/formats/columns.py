@@ -26,7 +26,7 @@ from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 from plat.words import counted
 
-__all__ = ["TableColumns", "split_columns"]
+__all__ = ["TableColumns", "is_pose", "split_columns"]
 
 # Nobody turns so far from frame to frame in a quarter of all frames (rad).
 _FASTEST_TURN = 0.15
@@ -43,6 +43,8 @@ _SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nsec", "nsecs", "nanosec", "nanosecs
 _OF_WALLS = {"wall", "system", "host", "recv", "received", "receive", "log", "rosbag"}
 # share of the steps of a count that are its usual one, whatever the column is called
 _MOST = 0.8
+# words of what may stand for the root, and beside it is none
+_NEAR_ROOT = {"torso", "trunk", "odom", "odometry"}
 # words that only Euler angles have in their names
 _NAMED_ANGLES = {"roll", "pitch", "yaw", "euler"}
 _DEGREES, _RADIANS = {"deg", "degree", "degrees"}, {"rad", "radian", "radians"}
@@ -92,6 +94,7 @@ def split_columns(table: Table, robot: Robot) -> TableColumns:
     by_kind = {
         kind: [n for n, column in enumerate(kinds) if column.kind == kind] for kind in ("place", "quat", "euler")
     }
+    by_kind = {kind: _of_root(table.header, found, 4 if kind == "quat" else 3) for kind, found in by_kind.items()}
     place = _axes(kinds, by_kind["place"], "xyz")
     turn = _axes(kinds, by_kind["quat"], "wxyz") or _axes(kinds, by_kind["euler"], "xyz")
     joints = [n for n, column in enumerate(kinds) if column.kind == "joint"]
@@ -214,7 +217,7 @@ def _by_place(
     if not table.header and joints == 2 * sizes[0] + 6:
         values, columns, joints = values[:, : 7 + sizes[0]], columns[: 7 + sizes[0]], sizes[0]
         notes.append(f"the last {sizes[0] + 6} columns left out (velocities)")
-    if not table.header and joints == sizes[0] + 7 and _is_pose(values[:, -7:]):
+    if not table.header and joints == sizes[0] + 7 and is_pose(values[:, -7:]):
         values, columns, joints = values[:, :-7], columns[:-7], sizes[0]
         notes.append("the last 7 columns left out (an object)")
     if joints not in sizes:
@@ -333,13 +336,20 @@ def _counts_up(values: np.ndarray) -> bool:
     return len(steps) > 0 and bool((values % 1 == 0).all() and found[usual] > 0 and counts[usual] > _MOST * len(steps))
 
 
+def _of_root(header: Sequence[str], columns: list[int], count: int) -> list[int]:
+    """Return the columns of the root, where more than so many may be: those of a torso beside it are not."""
+    if len(columns) <= count:
+        return columns
+    return [n for n in columns if not set(tokens(header[n])) & _NEAR_ROOT] or columns
+
+
 def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:
     """Return the columns in the order of the axes, or nothing where they are not these, each once."""
     found = {kinds[n].part: n for n in columns}
     return [found[axis] for axis in axes] if len(columns) == len(axes) == len(found) and set(found) == set(axes) else []
 
 
-def _is_pose(values: np.ndarray) -> bool:
+def is_pose(values: np.ndarray) -> bool:
     """Return whether seven columns are a place and a unit quaternion."""
     return bool(np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() < 0.01)
 

@@ -30,6 +30,7 @@ from plat.words import counted
 
 __all__ = [
     "FPS",
+    "OTHER_ORDER",
     "FrameRate",
     "MotionFile",
     "QuatOrder",
@@ -42,6 +43,9 @@ __all__ = [
 ]
 
 QuatOrder = Literal["wxyz", "xyzw"]
+
+OTHER_ORDER = "joints in another order than the robot's: only so are its poses likely"
+"""Note of some of a robot's joints, without names."""
 
 FPS = (1, 1000)
 """Least and most frames a second of a motion."""
@@ -130,12 +134,12 @@ def arrange_joints(
     if angles.ndim != 2 or angles.dtype.kind not in "fiu":
         raise MotionError(f"{field!r} has shape {angles.shape} and type {angles.dtype}, expected (frames, joints)")
     if names is None:
-        listed, notes = unnamed_joints(angles, robot, field), []
+        listed = unnamed_joints(angles, robot, field)
+        notes = [] if _in_order(listed, robot) else [OTHER_ORDER]
     else:
         columns, listed, left_out = robot_columns(names, angles.shape[1], robot)
         angles = angles[:, columns]
-        in_order = listed == [name for name in robot.joint_names if name in listed]
-        notes = [] if in_order else ["joints reordered by name"]
+        notes = [] if _in_order(listed, robot) else ["joints reordered by name"]
         notes += [f"{counted(len(left_out), 'column')} left out ({', '.join(left_out[:3])})"] if left_out else []
     arranged = np.tile(robot.default_joint_pos.numpy(), (len(angles), 1)).astype(np.float64)
     arranged[:, [robot.joint_names.index(name) for name in listed]] = angles
@@ -145,6 +149,10 @@ def arrange_joints(
     elif missing:
         notes.append(f"default pose for the missing {', '.join(missing)}")
     return arranged, notes
+
+
+def _in_order(listed: Sequence[str], robot: Robot) -> bool:
+    return list(listed) == [name for name in robot.joint_names if name in listed]
 
 
 def make_clip(

@@ -15,6 +15,7 @@ from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
 from plat.motions.formats.clock import contradicting_name, evenly_timed, stated_rates, times_of_fields
+from plat.motions.formats.columns import is_pose
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root
@@ -177,7 +178,12 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
     beside = path.with_name("meta.json")
     if not beside.is_file():
         return []
-    meta: Any = read_json(beside, MotionError, "the 'meta.json' beside it")
+    try:
+        meta: Any = read_json(beside, MotionError, "the 'meta.json' beside it")
+    except MotionError:
+        if states_rate(arrays):  # any data set may have such a file, and this archive does not need it
+            return ["the 'meta.json' beside it left out: it cannot be read"]
+        raise
     if not isinstance(meta, dict):
         return []
     added = []
@@ -190,7 +196,7 @@ def _add_meta(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -
                 raise MotionError(f"the 'meta.json' beside it: {name!r} is {short(value)}, expected {expected}")
             arrays[name] = np.array(value)
             added.append(name)
-    conflicts = "fps" in meta and "fps" not in added and options.fps is None
+    conflicts = type(meta.get("fps")) in (int, float) and "fps" not in added and options.fps is None
     if conflicts and abs(number(arrays["fps"], "fps") - number(meta["fps"], "fps")) > 0.5:
         raise MotionError(
             f"it states {number(arrays['fps'], 'fps'):g} frames a second and the 'meta.json' beside it "
@@ -245,6 +251,13 @@ def _read(
         marked: whether plat wrote them.
     """
     if not fitting:
+        for name, array in arrays.items():
+            if name != "body_pos_w" and array.ndim == 3 and array.shape[1] > 1 and array.shape[2] == len("xyz"):
+                raise MotionError(
+                    f"{name!r} has shape {array.shape} and is no robot's motion; joint positions of a human are read "
+                    "as 'joints' with the names of these joints beside them ('joint_names', toes among them), or "
+                    "without names of the SMPL family (22 joints and more)"
+                )
         told = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing else"
         for name, qpos in list(arrays.items())[:1] if len(arrays) == 1 else []:
             MotionClip(name, qpos, fps).checked(options.robot)  # says what is wrong
@@ -298,7 +311,14 @@ def _clip(
     robot = options.robot
     full, beside = 7 + robot.num_joints, 7 + robot.num_joints + _BESIDE
     notes = []
-    if qpos.ndim == 2 and qpos.shape[1] == beside and (names is None or len(names) <= robot.num_joints + 1):
+    of_robot = names is None or len(names) <= robot.num_joints + 1
+    if qpos.ndim == 2 and qpos.shape[1] == beside and qpos.dtype.kind in "fiu" and of_robot:
+        if not (is_pose(qpos[:, full:]) or (qpos[:, full:] == qpos[0, full:]).all()):
+            # such as a hand, whose joints may stand among the robot's
+            raise MotionError(
+                f"{field!r} has {beside} columns and the last {_BESIDE} are no pose of an object (place and unit "
+                f"quaternion); expected {full} (root xyz, quaternion wxyz, {robot.num_joints} joints), or 'joint_names'"
+            )
         qpos = qpos[:, :full]
         notes.append("the last 7 columns left out (an object)")
     if qpos.ndim != 2 or qpos.dtype.kind not in "fiu" or qpos.shape[1] not in _widths(names, options):

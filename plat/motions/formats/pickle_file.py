@@ -20,7 +20,15 @@ from plat.motions.formats.clock import (
     stated_rates,
     times_of_fields,
 )
-from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
+from plat.motions.formats.common import (
+    OTHER_ORDER,
+    MotionFile,
+    QuatOrder,
+    ReadOptions,
+    arrange_joints,
+    make_clip,
+    strings,
+)
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
@@ -43,6 +51,9 @@ _NAMES = ("joint_names", "dof_names", "joint_order", "motor_names")
 _FRAMES = "frames"
 # what files are called that have a field, the last one without any of these
 _KINDS = {"GMR pickle": "dof_pos", "MimicKit pickle": _FRAMES, "ASAP pickle": "dof", "pickle": ""}
+# what a dictionary of all motions of a file is called, or the one motion of a group
+_OF_ALL = frozenset(("motions", "motion", "data", "clips", "clip", "sequences", "sequence"))
+_MOST_GROUPED = 1_000_000
 # A motion takes milliseconds to look at, and a second of one takes kilobytes.
 _FEW, _LEAST_BYTES = 16, 256
 
@@ -78,7 +89,7 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         isinstance(name, str) and array_meaning(name) == "joint_pos" and not isinstance(fields, dict)
         for name, fields in content.items()
     )
-    motions = {path.stem: content} if single else _with_what_holds_for_all(content)
+    motions = {path.stem: content} if single else _with_what_holds_for_all(_ungrouped(content, path.stem))
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
     read: dict[Any, _Motion] = {}
@@ -184,7 +195,9 @@ class _Motion:
         if self.names is not None or joint_pos.ndim != 2 or joint_pos.dtype.kind not in "fiu":
             return None
         if joint_pos.shape[1] == len(without_wrists(robot)):
-            return _Layout(tuple(unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)))
+            joints = unnamed_joints(joint_pos.astype(np.float64), robot, _FIELD)
+            in_order = joints == [name for name in robot.joint_names if name in joints]
+            return _Layout(tuple(joints), () if in_order else (OTHER_ORDER,))
         if joint_pos.shape[1] != robot.num_joints:
             return None
         joints, notes = settle_joint_order(
@@ -200,7 +213,8 @@ class _Motion:
         if layout is not None and len(layout.joints) == robot.num_joints:
             joint_pos, notes = in_robot_order(joint_pos, layout.joints, robot), layout.notes
         elif layout is not None:
-            names, notes = list(layout.joints), layout.notes
+            names, notes = [name for name in robot.joint_names if name in layout.joints], layout.notes
+            joint_pos = joint_pos[:, [layout.joints.index(name) for name in names]]
         joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
         notes = (*more, *notes)
         clip = self._read(joint_pos, order, notes)
@@ -241,7 +255,8 @@ def _layouts(
         if len(others) == 1:
             layouts[key] = _Layout(others.pop(), ("joints as in the file's other motions",))
         elif count != robot.num_joints:
-            layouts[key] = _Layout(tuple(without_wrists(robot)))  # the format of ASAP and PBHC
+            assumed = f"which {count} joints it has assumed, as ASAP and PBHC have them: its poses leave it open"
+            layouts[key] = _Layout(tuple(without_wrists(robot)), (assumed,))
         else:
             with naming(key):
                 raise doubt
@@ -284,8 +299,11 @@ def _of_rotation_vectors(fields: Mapping[Any, Any]) -> bool:
 def _count(value: Any) -> int:
     """Return how many numbers an array has, or a list of equal rows would make."""
     value = _unwrap(value)
-    if isinstance(value, list) and value and isinstance(value[0], list):
-        return len(value) * len(value[0])
+    first = _unwrap(value[0]) if isinstance(value, list) and value else None
+    if isinstance(first, np.ndarray):
+        return len(value) * first.size
+    if isinstance(first, (list, tuple)):
+        return len(value) * len(first)
     return value.size if isinstance(value, np.ndarray) else 0
 
 
@@ -298,6 +316,43 @@ def _with_what_holds_for_all(content: dict[Any, Any]) -> dict[Any, Any]:
         return content
     named, rates = {name: content[name] for name in names}, {name: content[name] for name in rate_fields(beside)}
     return {name: {**named, **({} if rate_fields(fields) else rates), **fields} for name, fields in motions.items()}
+
+
+def _ungrouped(content: dict[Any, Any], stem: str) -> dict[Any, Any]:
+    """Return what dictionaries of motions in a dictionary hold, as ``{"motions": {"walk": ...}}``, in one dictionary.
+
+    Names of groups stand before those of their motions, unless they are such as *motions*. What holds for all may stand
+    in a dictionary of its own.
+
+    Args:
+        content: of a file.
+        stem: name of a motion that has no other.
+
+    Raises:
+        MotionError: for more motions than are believed of any file.
+    """
+    groups = {
+        name: value
+        for name, value in content.items()
+        if isinstance(value, dict) and value and all(isinstance(fields, dict) for fields in value.values())
+    }
+    if not groups:
+        return content
+    if sum(map(len, groups.values())) > _MOST_GROUPED:
+        raise MotionError(f"it names more than {_MOST_GROUPED} motions")
+    found: dict[Any, Any] = {}
+    for name, value in content.items():
+        about = isinstance(value, dict) and all(map(_is_single, value.values()))
+        if name not in groups:
+            found |= value if about else {name: value}
+    for group, motions in groups.items():
+        for name, fields in motions.items():
+            parts = [str(part) for part in (group, name) if str(part).lower() not in _OF_ALL]
+            label = "_".join(parts) or stem
+            while label in found:
+                label += "_2"
+            found[label] = fields
+    return found
 
 
 def _is_single(value: Any) -> bool:
@@ -319,16 +374,24 @@ def _array(fields: dict[str, Any], names: tuple[str, ...]) -> np.ndarray:
     if not present:
         raise MotionError(f"no field {' or '.join(map(repr, names))}, only {sorted(map(str, fields))[:20]}")
     array = _unwrap(fields[present[0]])
-    if isinstance(array, list) and all(isinstance(row, list) for row in array):
-        widths = {len(row) for row in array}
-        if len(widths) == 1 and all(isinstance(value, (int, float)) for row in array for value in row):
-            return np.array(array, dtype=np.float64)
+    if isinstance(array, list) and (rows := _rows(array)) is not None:
+        return rows
     if isinstance(array, np.ndarray) and array.ndim == 3 and 1 in array.shape[::2]:
         # one of a batch, or a column for each joint
         array = array[0] if len(array) == 1 else array[..., 0]
     if not isinstance(array, np.ndarray):
         raise MotionError(f"{present[0]!r} is a {type(array).__name__}, expected an array")
     return array
+
+
+def _rows(listed: list[Any]) -> np.ndarray | None:
+    """Return the array of rows of equal length, each a list, a tuple or an array of numbers; None for other things."""
+    rows = [_unwrap(row) for row in listed]
+    rows = [row.tolist() if isinstance(row, np.ndarray) and row.ndim == 1 else row for row in rows]
+    if not all(isinstance(row, (list, tuple)) for row in rows) or len({len(row) for row in rows}) != 1:
+        return None
+    fits = all(isinstance(value, (int, float)) for row in rows for value in row)
+    return np.array(rows, dtype=np.float64) if fits else None
 
 
 def _unwrap(value: Any) -> Any:

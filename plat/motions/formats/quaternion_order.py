@@ -131,6 +131,8 @@ def settle_joint_order(
         JointOrderError: where the order is not to be told, or left and right are exchanged for some of the joints.
     """
     robot = options.robot
+    if not np.isfinite(joints).all():
+        return list(robot.joint_names), []  # the clip's check tells where
     found = likely_order(angles_in_radians(joints, robot).values, robot)
     listed, notes = found or _settle_depth(joints, read, options, quat_order)
     if not _exchanged(in_robot_order(joints, listed, robot), robot):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.formats.joint_orders import JointOrderError
+from plat.motions.formats.joint_orders import JointOrderError, likely_order_of_some
 from plat.robots.robot import Robot, without_side
 from plat.words import counted
 
@@ -26,6 +26,8 @@ _USUAL = {
     "wrist_roll": (0.0, 0.30),
 }
 _BEYOND = 20.0
+# Wider than any joint turns in radians.
+_WIDEST = 4 * np.pi
 # By how much less likely the larger robot's order has to be for the smaller one's to be it, and how much is no doubt of
 # the larger one's. Of 2,750 clips in both orders 5 were mistaken for the other; between the figures it is not to be
 # told, which concerned one in eleven.
@@ -41,7 +43,8 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
     """Return the joints that columns ``[T, n]`` are, in their order.
 
     All joints stand in the robot's order. 23 joints of a G1 are either those of the one with 29 but its wrists, or
-    those of the smaller one, which has of the waist the yaw alone and of the wrists the rolls; the poses tell.
+    those of the smaller one, which has of the waist the yaw alone and of the wrists the rolls, in the robot's order or
+    another usual one; the poses tell.
 
     Raises:
         MotionError: for another number of joints.
@@ -59,6 +62,9 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
         )
     if len(small) != len(cut):
         return cut
+    radians = np.deg2rad(angles) if np.abs(angles).max(initial=0.0) > _WIDEST else angles
+    order, _ = likely_order_of_some(radians, robot, (cut, small))
+    cut, small = ([name for name in order if name in kind] for kind in (cut, small))
     evidence = _unlikeliness(angles, cut, robot) - _unlikeliness(angles, small, robot)
     if _DOUBTFUL < evidence < _UNLIKELY:
         raise JointOrderError(

@@ -209,17 +209,23 @@ class _Machine:
     ) -> Any:
         if _expect(dtype, _DType).code in _OBJECTS:
             single = shape == () and isinstance(raw, list) and len(raw) == 1 and isinstance(raw[0], dict)
-            return raw[0] if single else self._texts(raw)
+            return raw[0] if single else self._plain(raw, _expect(shape, tuple))
         if not isinstance(raw, (bytes, bytearray)):
             raw = self._bytes(raw)
         self._claim(len(raw))
         order = "F" if order == "F" else "C"
         return np.frombuffer(raw, dtype.numpy).reshape(_expect(shape, tuple), order=order)  # type: ignore[call-overload]
 
-    def _texts(self, items: Any) -> np.ndarray:
-        """The array that an array of objects stands for: of texts, such as names of joints; empty for None."""
+    def _plain(self, items: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the array that an array of objects stands for: of texts, such as names of joints, or of numbers.
+
+        It is empty for None alone.
+        """
         if isinstance(items, list) and all(item is None for item in items):
             return np.zeros(0)
+        if isinstance(items, list) and all(type(item) in (int, float) for item in items):
+            self._claim(8 * len(items))
+            return np.array(items, dtype=np.float64).reshape(shape)  # objects are listed row by row, whatever the order
         if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
             raise MotionError("it holds an array of type 'O8' with Python objects, expected numbers or texts")
         self._claim(4 * len(items) * max(map(len, items), default=0))

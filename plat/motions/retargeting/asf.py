@@ -43,6 +43,7 @@ class _Bone:
 class _Skeleton:
     bones: dict[str, _Bone]
     degrees: bool
+    notes: tuple[str, ...] = ()
 
 
 def find_asf(path: Path) -> Path:
@@ -97,7 +98,8 @@ def read_amc(path: str | Path, fps: float | None = None, angles: Angles | None =
     skeleton = _read_asf(beside)
     frames, step, degrees = _read_frames(path, skeleton)
     check_extent(f"AMC file {str(path)!r}", 2 * len(skeleton.bones), len(frames), path.stat().st_size)
-    notes = [] if _begins(path, beside) else [f"skeleton {beside.name}, the only one beside it"]
+    notes = [*skeleton.notes]
+    notes += [] if _begins(path, beside) else [f"skeleton {beside.name}, the only one beside it"]
     missing, cut = _missing(path, skeleton, frames)
     if cut:
         frames = frames[:-1]
@@ -144,7 +146,8 @@ def _lines(path: Path, kind: str) -> Iterator[tuple[int, list[str]]]:
 
 def _read_asf(path: Path) -> _Skeleton:
     bones = {"root": _Bone("root", dof=("tx", "ty", "tz", "rx", "ry", "rz"))}
-    degrees, section = True, ""
+    degrees, section, order = True, "", ""
+    orientation = np.zeros(3)
     bone: _Bone | None = None
     where = f"ASF file {str(path)!r}, line "
     for number, words in _lines(path, "ASF"):
@@ -156,6 +159,10 @@ def _read_asf(path: Path) -> _Skeleton:
                 degrees = not words[1].lower().startswith("rad")
             elif section == ":root" and key == "order":
                 bones["root"].dof = _freedom(words[1:])
+            elif section == ":root" and key == "orientation":
+                orientation = _three(words[1:4])
+            elif section == ":root" and key == "axis":
+                order = words[1].lower()
             elif section == ":bonedata" and key == "begin":
                 bone = _Bone("")
             elif section == ":bonedata" and bone is not None:
@@ -170,7 +177,12 @@ def _read_asf(path: Path) -> _Skeleton:
     lost = [name for name, one in bones.items() if name != "root" and one.parent not in bones]
     if len(bones) < 2 or lost:
         raise MotionError(f"ASF file {str(path)!r}: expected :bonedata and a :hierarchy of all bones; lost: {lost[:5]}")
-    return _Skeleton(_parents_first(bones), degrees)
+    turns = "".join(what[1] for what in bones["root"].dof if what.startswith("r"))
+    # programs differ in what they do with these, and CMU and HDM05 have none
+    notes = ["the root's 'orientation' in the skeleton left out"] if orientation.any() else []
+    if order and order != turns:
+        notes.append(f"the root turns about {turns.upper()}, as its 'order' lists them, and not {order.upper()}")
+    return _Skeleton(_parents_first(bones), degrees, tuple(notes))
 
 
 def _bone_line(bone: _Bone, words: list[str], degrees: bool) -> _Bone:

@@ -21,6 +21,8 @@ _SHIN, _ARM, _TRUNK = (0.4, 2.5), (0.3, 2.0), (0.25, 0.95)
 # A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
 _POSED, _LEAP = 0.15, 6.0
 _POSED_FRAMES = 3
+# A pose of more frames is held: nothing goes further than this to the next one (legs), as in no motion of a body.
+_HELD = 1e-4
 # A pose may be blended into the motion within this long (s), where a joint goes this fast (m/s), and later by less than
 # this share of it: CMU's files for Daz begin so.
 _BLENDED, _BLEND_SPEED, _CALM = 0.1, 20.0, 0.25
@@ -131,9 +133,12 @@ def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float
 
 
 def _posed_frames(raw: dict[str, np.ndarray], leg: float) -> int:
-    """Return how many frames come before a leap into the motion, of which the first are a pose."""
+    """Return how many frames come before a leap into the motion, of which the first are a pose, or all are one."""
     steps = np.linalg.norm(np.diff(np.stack(list(raw.values())), axis=1), axis=-1).max(0) / leg
-    for last in range(min(_POSED_FRAMES, len(steps) - 2), 0, -1):
+    held = int(np.append(steps > _HELD, True).argmax()) + 1
+    for last in (held, *range(_POSED_FRAMES, 0, -1)):
+        if last > len(steps) - 2:
+            continue
         if steps[last - 1] > _POSED and steps[last - 1] > _LEAP * steps[last : last + 10].max():
             return last
     return 0

@@ -9,7 +9,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.json_file import short
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
-from plat.motions.formats.clock import ELSEWHERE, stated_rates
+from plat.motions.formats.clock import ELSEWHERE, even_frames, stated_rates, times_of_fields
 from plat.motions.formats.common import strings
 from plat.motions.formats.kimodo import KIMODO_FPS
 from plat.motions.formats.npz_file import ALIASES
@@ -113,6 +113,7 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         if name == _KIMODO and fps is None and not states_rate(arrays) and not stated_rates(Path(path), []):
             arrays["fps"] = np.array(KIMODO_FPS)
             notes.append("fps as Kimodo writes it")
+        times = [*times_of_fields(arrays).values()][:1] if fps is None else []
         rate, source = take_rate(arrays, fps, Path(path))
         notes += [f"fps from {source}"] if source in ELSEWHERE else []
         places = arrays[name].astype(np.float64)
@@ -133,6 +134,14 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
     found = arrays.get("global_rot_mats")
     with_rotations = found is not None and found.shape == (*places.shape[:2], 3, 3)
     rotations = found[:, columns].astype(np.float64) if with_rotations and found is not None else None
+    if times and len(times[0]) == len(positions):
+        told, between = even_frames(times[0], rate)
+        notes += [told] if told else []
+        if between is not None:
+            before, weight = between
+            start, end = positions[before], positions[before + 1]
+            positions = start + weight[:, None, None] * (end - start)
+            rotations = None  # feet are turned as their toes point
     index = {name: number for number, name in enumerate(layout)}
     parents = tuple(index.get(parent, -1) for _, parent in layout.values())
     up = "y" if name == _KIMODO else None

@@ -79,6 +79,16 @@ def test_standing_feet_are_not_lifted():
         assert _lifts_feet(raised(bow, off), raised(bow, 0.15, 30), G1, limits)
 
 
+def test_joints_of_a_clip_that_floats_are_mended_as_well():
+    """Its feet were called lifted by what did not move them, and a second --repair did what the first had left."""
+    qpos = raised(bowing_clip(60), 0.1).qpos
+    qpos[40:, 7 + 18] += 0.5
+    qpos[:, 7 + 26] = G1.joint_range[26, 1] + 0.05
+    mended = mend_motion(MotionClip("floating", qpos, 50.0))
+    done = ("single-frame steps smoothed", "joints clipped to their limits", "feet put on the floor")
+    assert (mended.done, mended.after.verdict) == (done, "use")
+
+
 def test_a_hand_under_the_floor_does_not_lift_a_clip_that_sinks_or_floats(shared_data):
     """49 % of the frames in which it stands were in the air afterwards, 20 cm at most, and the verdict was use."""
     motions = load_motions(shared_data / "motions" / "hard_sa_val.npz")

@@ -1,3 +1,6 @@
+import pickle
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -27,10 +30,17 @@ def test_breadth_first_is_the_order_of_isaac_lab():
 
 def test_orders_hold_every_joint_once():
     orders = usual_orders(G1)
-    assert len(orders) == 7
-    assert len({tuple(order) for order in orders.values()} | {tuple(OWN)}) == 8
+    assert len(orders) == 10
+    assert len({tuple(order) for order in orders.values()} | {tuple(OWN)}) == 11
     for order in orders.values():
         assert sorted(order) == sorted(OWN)
+
+
+def test_orders_of_a_robot_without_a_waist_differ_from_each_other():
+    """Equal ones would both lead to recorded bodies, and which it is would not be told."""
+    names = ("left_hip", "left_knee", "right_hip", "right_knee", "left_elbow", "right_elbow")
+    orders = [tuple(order) for order in usual_orders(SimpleNamespace(joint_names=names, depth=len)).values()]
+    assert len({names, *orders}) == 1 + len(orders) > 2
 
 
 def test_the_robot_s_own_order_needs_no_word():
@@ -44,6 +54,10 @@ def test_other_orders_are_seen_in_the_poses(label):
         order,
         [f"joints numbered {label}: only so are its poses likely"],
     )
+    if label == "with the wrists last":  # the right side first, this pose leaves it open
+        with pytest.raises(MotionError, match=f"with them {label}; name them"):
+            likely_order(listed(ANGLES, exchanged(order)), G1)
+        return
     found, _ = likely_order(listed(ANGLES, exchanged(order)), G1)
     assert found in (order, exchanged(order))
 
@@ -58,17 +72,46 @@ def test_a_robot_at_zero_has_the_same_pose_in_every_order():
     assert likely_order(np.zeros((3, 29)), G1) == (OWN, [])
 
 
-def test_a_file_in_alphabetical_order_is_read_right(tmp_path):
+WRISTS_LAST = [name for name in OWN if "wrist" not in name] + [name for name in OWN if "wrist" in name]
+
+
+@pytest.mark.parametrize(
+    ("label", "order"),
+    [
+        ("in alphabetical order", sorted(OWN)),
+        ("with the wrists last", WRISTS_LAST),
+        ("with waist, then arms, then legs", OWN[12:] + OWN[:12]),
+        ("with arms, then legs, then waist", OWN[15:] + OWN[:15]),
+    ],
+)
+def test_a_file_in_another_order_is_read_right(tmp_path, label, order):
     clip = clip_with_arms(0.7)
-    numbered = np.concatenate((clip.qpos[:, :7], listed(clip.qpos[:, 7:], sorted(OWN))), 1)
+    numbered = np.concatenate((clip.qpos[:, :7], listed(clip.qpos[:, 7:], order)), 1)
     np.savez(tmp_path / "walk.npz", qpos=numbered, fps=50)
     (found,) = load_motions(tmp_path / "walk.npz")
     np.testing.assert_allclose(found.qpos, clip.qpos, atol=1e-6)
-    assert "joints numbered in alphabetical order: only so are its poses likely" in found.notes
+    assert f"joints numbered {label}: only so are its poses likely" in found.notes
 
 
 def test_broken_angles_have_no_order():
     assert likely_order(np.full((3, 29), np.nan), G1) is None
+
+
+@pytest.mark.parametrize("joint", ["right_shoulder_roll", "left_hip_roll", "left_knee"])
+@pytest.mark.parametrize("ending", ["npz", "npy", "pkl"])
+def test_a_broken_angle_is_told_and_no_side_blamed(tmp_path, joint, ending):
+    rows = clip_with_arms(0.7).qpos.astype(float)
+    column = 7 + OWN.index(joint)
+    rows[5, column] = np.nan
+    path = tmp_path / f"walk_50fps.{ending}"
+    if ending == "npz":
+        np.savez(path, qpos=rows, fps=50)
+    elif ending == "npy":
+        np.save(path, rows)
+    else:
+        path.write_bytes(pickle.dumps({"qpos": rows, "fps": 50}))
+    with pytest.raises(MotionError, match=rf"qpos\[5, {column}\] is nan, expected a finite number"):
+        load_motions(path)
 
 
 def test_real_motions_keep_their_order(shared_data):

@@ -189,6 +189,13 @@ RIGHT = {
         header=ROOT + JOINTS + [f"left_hand_{n}_joint" for n in range(7)],
         rows=np.column_stack((ROWS, np.zeros((40, 7)))),
     ),
+    "a torso beside the root": table(
+        header=ROOT + [f"torso_{axis}" for axis in ("x", "y", "z", "qw", "qx", "qy", "qz")] + JOINTS,
+        rows=np.column_stack((ROWS[:, :7], np.tile([0.1, 0, 1, 0.6, 0, 0, 0.8], (40, 1)), ROWS[:, 7:])),
+    ),
+    "a torso for the root": table(
+        header=[name.replace("root", "torso") for name in ROOT] + JOINTS,
+    ),
     "velocities beside": table(
         header=ROOT + JOINTS + [f"{name}_vel" for name in JOINTS], rows=np.column_stack((ROWS, 0 * ROWS[:, 7:]))
     ),
@@ -224,6 +231,7 @@ RIGHT = {
     "fps as text": npz(clip=ROWS, fps="50"),
     "names as bytes": npz(clip=ROWS, fps=50, joint_names=np.array([name.encode() for name in JOINTS])),
     "names as objects": npz(clip=ROWS, fps=50, joint_names=np.array(JOINTS, dtype=object)),
+    "numbers as objects": npz(qpos=ROWS.astype(object), fps=np.array(50, dtype=object)),
     "time step": npz(clip=ROWS, dt=0.02),
     "a count and a rate in an archive": npz(qpos=ROWS, t=COUNT, fps=50),
     "times of something else in an archive": npz(qpos=ROWS, times=[0.1, 0.4, 0.9], fps=50),
@@ -295,6 +303,10 @@ REFUSED = {
         r"expected one array \(frames, 36\) each",
     ),
     "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
+    "joint positions of another skeleton": (
+        npz(joints=np.zeros((40, 17, 3)), fps=50),
+        r"'joints' has shape \(40, 17, 3\) and is no robot's motion; joint positions of a human are read .*names",
+    ),
     "joint positions in an npy": (npy(np.zeros((40, 22, 3))), "write them with np.savez"),
     "a rate in a comment and another in the name": (
         table(before="# rate: 25 Hz\n"),

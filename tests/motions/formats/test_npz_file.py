@@ -158,6 +158,15 @@ def test_an_object_beside_the_robot_is_left_out(tmp_path):
     assert "the last 7 columns left out (an object)" in file.facts
 
 
+def test_a_hand_among_the_joints_is_no_object(tmp_path):
+    qpos = bowing_clip().qpos
+    hand = np.full((len(qpos), 7), 0.1)
+    arm = qpos[:, 29:] + np.linspace(0, 0.2, len(qpos))[:, None]
+    np.savez(tmp_path / "hand.npz", qpos=np.concatenate((qpos[:, :29], hand, arm), 1), fps=50)
+    with pytest.raises(MotionError, match=r"hand.npz'.*has 43 columns and the last 7 are no pose .*expected 36"):
+        load_motions(tmp_path / "hand.npz")
+
+
 @pytest.mark.parametrize("named", [True, False])
 def test_a_whole_pose_without_wrists(tmp_path, named):
     clip = bowing_clip()
@@ -461,6 +470,15 @@ def test_a_broken_meta_json(tmp_path, meta, message):
     (tmp_path / "meta.json").write_text(meta)
     with pytest.raises(MotionError, match=f"a.npz': .*{message}"):
         load_motions(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("meta", ["{broken", '{"fps": "as recorded"}', '{"fps": null}', "[1]"])
+def test_an_archive_that_states_its_rate_needs_no_meta_json(tmp_path, meta):
+    np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, fps=50)
+    (tmp_path / "meta.json").write_text(meta)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    assert file.clips[0].fps == 50
+    assert ("the 'meta.json' beside it left out: it cannot be read" in file.facts) == (meta == "{broken")
 
 
 def test_old_arrays_of_loco_mujoco_are_named(tmp_path):

@@ -34,6 +34,53 @@ def test_no_frames_are_one_line(tmp_path):
         load_motions(tmp_path / "none.pkl")
 
 
+@pytest.mark.parametrize(
+    ("shape", "names"),
+    [
+        (lambda fields: {"motions": {"walk": fields, "bow": fields}}, ["walk", "bow"]),
+        (lambda fields: {"s1": {"bow": fields}, "s2": {"bow": fields}}, ["s1_bow", "s2_bow"]),
+        (lambda fields: {"walk": {"motion": fields}}, ["walk"]),
+        (lambda fields: {"data": {"motion": fields}}, ["bow"]),
+        (lambda fields: {"a": {"b_c": fields}, "a_b": {"c": fields}}, ["a_b_c", "a_b_c_2"]),
+        (lambda fields: {"meta": {"fps": 50, "by": "me"}, "motions": {"walk": without_rate(fields)}}, ["walk"]),
+    ],
+)
+def test_motions_in_groups(tmp_path, shape, names):
+    content = shape(gmr_fields(bowing_clip()))
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(content))
+    clips = load_motions(tmp_path / "bow.pkl")
+    assert [clip.name for clip in clips] == names
+    for clip in clips:
+        assert clip.fps == 50
+        np.testing.assert_allclose(clip.qpos, bowing_clip().qpos, atol=1e-6)
+
+
+def without_rate(fields: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in fields.items() if name != "fps"}
+
+
+def test_groups_of_groups_are_refused_and_do_not_multiply(tmp_path):
+    inner = {f"m{number}": {} for number in range(2000)}
+    for content, message in (
+        ({f"g{number}": inner for number in range(2000)}, "names more than 1000000 motions"),
+        ({"a": {"b": {"c": gmr_fields(bowing_clip())}}}, r"motion 'a_b': no field 'root_pos'.*only \['c'\]"),
+    ):
+        (tmp_path / "bow.pkl").write_bytes(pickle.dumps(content))
+        with pytest.raises(MotionError, match=message):
+            load_motions(tmp_path / "bow.pkl")
+
+
+@pytest.mark.parametrize("row", [tuple, list, np.array])
+def test_rows_of_any_kind(tmp_path, row):
+    fields = {
+        name: [row(values) for values in value.tolist()] if isinstance(value, np.ndarray) and value.ndim == 2 else value
+        for name, value in gmr_fields(bowing_clip()).items()
+    }
+    assert isinstance(fields["dof_pos"], list)
+    (tmp_path / "bow.pkl").write_bytes(pickle.dumps(fields))
+    np.testing.assert_allclose(load_motions(tmp_path / "bow.pkl")[0].qpos, bowing_clip().qpos, atol=1e-6)
+
+
 def keep(data: bytes) -> bytes:
     return data
 
@@ -147,6 +194,8 @@ def test_23_joints_in_doubt_are_those_of_the_others(tmp_path):
     (tmp_path / "one.pkl").write_bytes(pickle.dumps(doubtful))
     (alone,) = load_motions(tmp_path / "one.pkl")
     assert "no wrists in the file: default pose" in alone.notes
+    assert "which 23 joints it has assumed, as ASAP and PBHC have them: its poses leave it open" in alone.notes
+    assert not any("assumed" in note for note in first.notes)
 
 
 def undecided(angles):

@@ -1,9 +1,14 @@
+import pickle
+
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
+from plat.motions import read_motion_files
+from plat.motions.formats.joint_orders import usual_orders
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots import G1
+from tests.motions.formats.test_layouts import clip_with_arms
 from tests.motions.formats.writers import WITHOUT_WRISTS, bowing_clip
 
 JOINTS = bowing_clip().qpos[:, 7:].astype(np.float64)
@@ -27,6 +32,26 @@ def test_23_joints_are_of_either_robot():
     assert len(CUT) == len(SMALL) == 23
     assert unnamed_joints(columns(CUT), G1, "joints") == CUT == [G1.joint_names[index] for index in WITHOUT_WRISTS]
     assert unnamed_joints(columns(SMALL), G1, "joints") == SMALL
+
+
+@pytest.mark.parametrize("kind", [CUT, SMALL], ids=["without wrists", "smaller G1"])
+@pytest.mark.parametrize("label", ["breadth first", "in alphabetical order", "with arms, then legs, then waist"])
+def test_23_joints_in_another_order_are_told_from_the_poses(tmp_path, kind, label):
+    """They were read in the robot's order, and some were called use."""
+    poses = clip_with_arms(0.7).qpos.astype(np.float64)
+    order = [name for name in usual_orders(G1)[label] if name in kind]
+    joints = columns(order, poses[:, 7:])
+    assert unnamed_joints(joints, G1, "joints") == order
+    assert unnamed_joints(np.rad2deg(joints), G1, "joints") == order
+    rows = np.concatenate((poses[:, :7], joints), 1)
+    np.savez(tmp_path / "a.npz", qpos=rows, fps=50)
+    np.savetxt(tmp_path / "b_50fps.csv", rows, delimiter=",")
+    (tmp_path / "c.pkl").write_bytes(pickle.dumps({"qpos": rows, "fps": 50}))
+    for name in ("a.npz", "b_50fps.csv", "c.pkl"):
+        (file,) = read_motion_files(tmp_path / name)
+        np.testing.assert_allclose(columns(kind, file.clips[0].qpos[:, 7:]), columns(kind, poses[:, 7:]), atol=1e-6)
+        assert "joints in another order than the robot's: only so are its poses likely" in file.facts
+        assert "reordered by name" not in file.facts
 
 
 def test_another_number_is_refused():

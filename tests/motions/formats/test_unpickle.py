@@ -171,3 +171,15 @@ def test_an_array_larger_than_its_bytes_is_refused():
 )
 def test_containers_of_containers_do_no_harm(data):
     assert isinstance(unpickle(data), (list, tuple))
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_numbers_may_be_objects(protocol):
+    numbers = np.arange(6.0).reshape(2, 3)
+    for array in (numbers, np.asfortranarray(numbers), numbers.T, numbers[:, ::-1], np.array([1, 2.5]), numbers[:0]):
+        found = unpickle(pickle.dumps(array.astype(object), protocol)).value
+        assert found.dtype == np.float64 or found.size == 0
+        np.testing.assert_array_equal(found.ravel(), array.ravel())
+        assert found.shape == array.shape or found.size == 0
+    with pytest.raises(MotionError, match="array of type 'O8'"):
+        unpickle(pickle.dumps(np.array([True, 1.0], dtype=object), protocol))

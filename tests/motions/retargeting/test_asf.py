@@ -317,3 +317,19 @@ def test_an_empty_motion_is_refused(tmp_path):
     (tmp_path / "a.amc").write_text(":DEGREES\n")
     with pytest.raises(MotionError, match="no frames"):
         read_amc(tmp_path / "a.amc")
+
+
+def test_what_a_root_has_beside_its_order_is_said(tmp_path):
+    write_asf(tmp_path / "one.asf")
+    write_amc(tmp_path / "one.amc", frames=4)
+    plain = read_amc(tmp_path / "one.amc")
+    text = (tmp_path / "one.asf").read_text()
+    for old, new, told in (
+        ("orientation 0 0 0", "orientation 0 90 0", "the root's 'orientation' in the skeleton left out"),
+        ("axis XYZ\n   position", "axis ZYX\n   position", "the root turns about XYZ, as its 'order' lists them"),
+    ):
+        (tmp_path / "one.asf").write_text(text.replace(old, new))
+        found = read_amc(tmp_path / "one.amc")
+        assert any(note.startswith(told) for note in found.notes)
+        assert not any(note.startswith(told) for note in plain.notes)
+        np.testing.assert_array_equal(found.positions, plain.positions)

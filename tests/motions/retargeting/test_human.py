@@ -169,6 +169,20 @@ def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
     assert "left out: a pose before the motion" in found.notes[0]
 
 
+def test_a_pose_that_is_held_before_the_motion_is_left_out(tmp_path):
+    """A second of it became a clip of use that swings its arms from one into the other."""
+    mocap = read_bvh(write_human(tmp_path / "a.bvh", frames=60))
+    posed = mocap.positions.copy()
+    posed[:40] = posed[0] - posed[0, 0]
+    found = read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh")
+    assert found.notes[0] == "first 40 frames left out: a pose before the motion"
+    assert len(found.positions["hips"]) == len(found.rotations["left_ankle"]) == 20
+    posed[20, :, 1] += 0.5  # who moves while the pose is held is a body, and the leap is another take
+    assert len(read_human(replace(mocap, positions=posed), LAFAN1, "clip.bvh").positions["hips"]) == 60
+    held = np.tile(mocap.positions[:1], (60, 1, 1))
+    assert len(read_human(replace(mocap, positions=held), LAFAN1, "clip.bvh").positions["hips"]) == 60
+
+
 def test_a_pose_that_is_blended_into_the_motion_is_left_out(tmp_path):
     mocap = replace(read_bvh(write_human(tmp_path / "a.bvh", frames=60)), fps=120.0)
     wrist = mocap.names.index("LeftHand")

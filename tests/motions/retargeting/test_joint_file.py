@@ -109,3 +109,20 @@ def test_names_that_are_none_of_these_joints_are_refused(tmp_path, names, messag
         read_joint_file(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3)), names=["a walk"], fps=30)  # of something else
     assert "joints by their number, 22" in read_joint_file(tmp_path / "a.npz").notes
+
+
+def test_uneven_times_are_made_even(tmp_path):
+    """Cameras have no steady rate: frames were taken as even, and what was fast became slow."""
+    share = np.linspace(0, 1, 60)
+    times = 2 * (share + 0.15 * np.sin(np.pi * share))
+    path = np.zeros((60, 22, 3))
+    path[..., 0] = times[:, None] + np.arange(22)
+    np.savez(tmp_path / "a.npz", joints=path, timestamps=times)
+    mocap = read_joint_file(tmp_path / "a.npz")
+    assert mocap.fps == pytest.approx(59 / 2)
+    np.testing.assert_allclose(np.diff(mocap.positions[..., 0], axis=0), 2 / 59, atol=1e-6)
+    assert any("resampled to even ones" in note for note in mocap.notes)
+    np.savez(tmp_path / "a.npz", joints=path, timestamps=np.linspace(0, 2, 60))
+    assert (read_joint_file(tmp_path / "a.npz").positions == path).all()
+    np.savez(tmp_path / "a.npz", joints=path, timestamps=times)
+    assert (read_joint_file(tmp_path / "a.npz", fps=30).positions == path).all()
