@@ -99,7 +99,7 @@ class GeneralizedState(NamedTuple):
 
 
 def joint_target(robot: Robot, action: Tensor) -> Tensor:
-    """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
+    """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``, at least in float32.
 
     Raises:
         ActionError: for actions of another number of joints.
@@ -110,4 +110,6 @@ def joint_target(robot: Robot, action: Tensor) -> Tensor:
     """
     if action.shape[-1:] != robot.default_joint_pos.shape:
         raise ActionError(f"action has shape {tuple(action.shape)}, expected [*B, {robot.num_joints}]")
+    # a network may end in half precision, and the simulator takes what it says as it is
+    action = action.to(torch.promote_types(action.dtype, torch.float32))
     return constant(robot.default_joint_pos, action) + constant(robot.action_scale, action) * action
