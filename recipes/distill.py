@@ -50,7 +50,7 @@ def main(recipe: DistillRecipe) -> None:
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
     library = training_motions(recipe, timing.control_dt)
     flag = f"--expert {str(recipe.expert)!r}"
-    (timing_of(teacher) or timing).check_control_dt(timing.control_dt, flag)
+    timing.check_control_dt((timing_of(teacher) or timing).control_dt, flag)
     if isinstance(teacher, Expert):  # released trackers have motors of their own, and say what they want as plat does
         check_drives(teacher.robot, library.robot, flag)
     horizon = horizon_named(recipe.horizon, timing)

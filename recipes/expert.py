@@ -16,11 +16,11 @@ from plat.envs.transforms import Horizon
 from plat.evaluation import play
 from plat.modules import Critic
 from plat.objectives import PPO, PPOConfig, motor_gradient
-from plat.recipes.experts import make_expert, trained_expert
+from plat.recipes.experts import make_expert, next_stage, trained_expert
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
 from plat.runs import Budget, Run, begin, report_errors, run_inputs, training_motions
-from plat.runs.announce import DISTILL, STUDENT, begins, next_command
+from plat.runs.announce import begins
 
 
 def main(recipe: ExpertRecipe) -> None:
@@ -90,7 +90,7 @@ def main(recipe: ExpertRecipe) -> None:
 
 def after(recipe: ExpertRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
+    return next_stage(recipe)
 
 
 def ppo_config(recipe: ExpertRecipe) -> PPOConfig:

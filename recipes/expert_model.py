@@ -10,12 +10,11 @@ from plat.envs.transforms import Horizon
 from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
-from plat.recipes.experts import make_expert, trained_expert
+from plat.recipes.experts import make_expert, next_stage, trained_expert
 from plat.recipes.learning import learn
 from plat.recipes.options import ExpertModelRecipe
 from plat.rendering import Playback
 from plat.runs import begin, report_errors, training_motions
-from plat.runs.announce import DISTILL, STUDENT, next_command
 from plat.tasks import DenseTracking
 
 
@@ -46,7 +45,7 @@ def main(recipe: ExpertModelRecipe) -> None:
 
 def after(recipe: ExpertModelRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe, *DISTILL, recipe.out, "--motions", recipe.motions, *STUDENT)
+    return next_stage(recipe)
 
 
 if __name__ == "__main__":

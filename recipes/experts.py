@@ -8,7 +8,11 @@ from plat.modules import Expert
 from plat.recipes.options import ExpertModelRecipe, ExpertRecipe
 from plat.recipes.shapes import in_shape_of, tell_robot
 from plat.robots import Robot
-from plat.runs import SavedRun
+from plat.runs import SavedRun, is_run
+from plat.runs.announce import next_command
+from plat.runs.dynamics import control_dt_of
+from plat.runs.saved_run import CONFIG_FILE
+from plat.spec.timing import Timing
 
 R = TypeVar("R", ExpertRecipe, ExpertModelRecipe)
 
@@ -42,3 +46,13 @@ def make_expert(recipe: R, robot: Robot, trained: Expert | None) -> Expert:
         except ConfigError as error:
             raise CheckpointError(f"--init {str(recipe.init)!r}: {error} (--policy.ahead, --policy.hidden)") from None
     return expert
+
+
+def next_stage(recipe: R) -> str:
+    """Return the lines that say where an expert is, and how a student learns from it: at its control step."""
+    dt = recipe.policy.timing.control_dt
+    if is_run(recipe.out):  # which may have gone on from another one, in the shape of that
+        dt = control_dt_of(SavedRun(recipe.out).config.get("policy"), recipe.out / CONFIG_FILE)
+    pace = () if dt == Timing.control_dt else ("--policy.timing.control-dt", f"{dt:g}")
+    rest = ("--minutes", "15", "--out", "runs/dagger")
+    return next_command(recipe, "plat distill", "--expert", recipe.out, "--motions", recipe.motions, pace, rest)

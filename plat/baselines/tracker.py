@@ -14,6 +14,7 @@ from plat.evaluation.in_between import Plan
 from plat.evaluation.names import Interface
 from plat.motions.library import MotionLibrary
 from plat.robots.robot import FootContacts, Robot
+from plat.spec.observation import table
 
 __all__ = ["Tracker", "tuned_robot"]
 
@@ -127,8 +128,13 @@ class Tracker(TensorDictModuleBase):
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write ``action``."""
-        default = self.robot.default_joint_pos.to(tensordict["robot", "joint_pos"])
-        targets = self.targets(tensordict, tensordict["robot", "joint_pos"] + default, tensordict["is_init"][:, 0])
+        measured = tensordict["robot"].copy()
+        for entry in table().entries("robot"):
+            if entry.scale != 1.0 and entry.name in measured:
+                measured[entry.name] = entry.quantity(measured[entry.name])
+        default = self.robot.default_joint_pos.to(measured["joint_pos"])
+        seen = tensordict.copy().set("robot", measured)
+        targets = self.targets(seen, measured["joint_pos"] + default, tensordict["is_init"][:, 0])
         tensordict["action"] = (targets - default) / self.robot.action_scale.to(targets)
         return tensordict
 

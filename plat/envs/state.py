@@ -10,6 +10,7 @@ from plat.errors import ActionError
 from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
+from plat.spec.observation import entries_of
 
 __all__ = ["GeneralizedState", "joint_target"]
 
@@ -56,13 +57,14 @@ class GeneralizedState(NamedTuple):
     @classmethod
     def from_entries(cls, tensordict: TensorDictBase) -> "GeneralizedState":
         """Return the state in the entries of :class:`plat.envs.MotionTrackingEnv`."""
-        state, robot = tensordict["state"], tensordict["robot"]
+        state, keys = tensordict["state"], (("robot", "root_lin_vel_b"), ("robot", "root_ang_vel_b"))
+        lin_vel, ang_vel = (entry.quantity(tensordict[key]) for entry, key in zip(entries_of(keys), keys, strict=True))
         return cls(
             state["root_pos_w"],
             state["root_quat_w"],
             state["joint_pos"],
-            quat_rotate(state["root_quat_w"], robot["root_lin_vel_b"]),
-            robot["root_ang_vel_b"],
+            quat_rotate(state["root_quat_w"], lin_vel),
+            ang_vel,
             state["joint_vel"],
         )
 
@@ -99,7 +101,7 @@ class GeneralizedState(NamedTuple):
 
 
 def joint_target(robot: Robot, action: Tensor) -> Tensor:
-    """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``.
+    """Return the joint position targets ``[*B, J]`` (rad) of actions: ``q_default + scale * a``, at least in float32.
 
     Raises:
         ActionError: for actions of another number of joints.
@@ -110,4 +112,6 @@ def joint_target(robot: Robot, action: Tensor) -> Tensor:
     """
     if action.shape[-1:] != robot.default_joint_pos.shape:
         raise ActionError(f"action has shape {tuple(action.shape)}, expected [*B, {robot.num_joints}]")
+    # a network may end in half precision, and the simulator takes what it says as it is
+    action = action.to(torch.promote_types(action.dtype, torch.float32))
     return constant(robot.default_joint_pos, action) + constant(robot.action_scale, action) * action

@@ -64,7 +64,10 @@ class JointTargetNetwork(nn.Module):
         self._keys = [(step.in_keys, step.out_keys) for step in steps]
         # one that sees parts moves only what is commanded
         self._in_place = [
-            isinstance(step.module, KeyframeShift) and step.in_keys[0][0] == "goal" and len(step.in_keys) == 3
+            isinstance(step.module, KeyframeShift)
+            and not step.module.scaled
+            and step.in_keys[0][0] == "goal"
+            and len(step.in_keys) == 3
             for step in steps
         ]
         written = {key for step, moved in zip(steps, self._in_place, strict=True) if not moved for key in step.out_keys}

@@ -16,7 +16,9 @@ from torchrl.modules import IndependentNormal
 from plat.bounds import Count, NonNegative, Positive, check_robot, check_value
 from plat.entries import expects
 from plat.gpu import constant
+from plat.modules.lead import quantities
 from plat.robots.robot import Robot
+from plat.spec.observation import Entry, entries_of
 
 __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
 
@@ -61,7 +63,8 @@ class ReferenceOffset(TensorDictModule):
         check_robot(robot)
         check_value("action on the reference: interval", interval, Positive)
         check_value("action on the reference: limit", limit, Positive)
-        super().__init__(_Offset(robot, interval, limit), in_keys=list(in_keys), out_keys=[out_key])
+        offset = _Offset(robot, interval, limit, entries_of(in_keys))
+        super().__init__(offset, in_keys=list(in_keys), out_keys=[out_key])
         expects(self, dict.fromkeys(in_keys, (robot.num_joints,)), "action on the reference", double=True)
 
 
@@ -70,17 +73,18 @@ class _Offset(nn.Module):
     action_scale: Tensor
     lead: Tensor
 
-    def __init__(self, robot: Robot, interval: float, limit: float):
+    def __init__(self, robot: Robot, interval: float, limit: float, entries: Sequence[Entry]):
         super().__init__()
+        self._entries = tuple(entries)
         self.limit = limit
         self.register_buffer("default_joint_pos", robot.default_joint_pos.clone())
         self.register_buffer("action_scale", robot.action_scale.clone())
         self.register_buffer("lead", robot.damping / robot.stiffness / interval)
 
-    def forward(self, residual: Tensor, goal_joint_pos: Tensor, later_joint_pos: Tensor | None = None) -> Tensor:
-        target = goal_joint_pos
-        if later_joint_pos is not None:
-            target = target + constant(self.lead, residual) * (later_joint_pos - goal_joint_pos)
+    def forward(self, *observed: Tensor) -> Tensor:
+        residual, target, *later = quantities(self._entries, observed)
+        if later:
+            target = target + constant(self.lead, residual) * (later[0] - target)
         offset = (target - constant(self.default_joint_pos, residual)) / constant(self.action_scale, residual)
         return residual.clamp(-self.limit, self.limit) + offset
 

@@ -12,8 +12,18 @@ from plat.bounds import NonNegative, NotEmpty, Positive, check_value
 from plat.entries import Shape, expects
 from plat.errors import ConfigError
 from plat.gpu import HORIZONTAL, constant
+from plat.spec.observation import Entry, entries_of
 
-__all__ = ["LEAD_KEYS", "GoalLead", "KeyframeLead", "KeyframeShift", "led", "moved_keyframe"]
+__all__ = [
+    "LEAD_KEYS",
+    "GoalLead",
+    "KeyframeLead",
+    "KeyframeShift",
+    "as_entries",
+    "led",
+    "moved_keyframe",
+    "quantities",
+]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
 """Entries of a goal that :class:`GoalLead` and :class:`KeyframeLead` move."""
@@ -70,7 +80,8 @@ class GoalLead(TensorDictModule):
             raise ConfigError(f"lead is {lead:g} s: the reference's velocity takes two frames")
         in_keys: list[NestedKey] = [(group, key) for group in groups for key in LEAD_KEYS]
         out_keys: list[NestedKey] = [(f"led_{group}", key) for group in groups for key in LEAD_KEYS]
-        super().__init__(_Shift(lead / interval, gain, limit), in_keys=in_keys, out_keys=out_keys)
+        shift = _Shift(lead / interval, gain, limit, entries_of(in_keys))
+        super().__init__(shift, in_keys=in_keys, out_keys=out_keys)
         expects(self, {key: (3,) if key[-1] == LEAD_KEYS[0] else ("3 K",) for key in in_keys}, "lead")
 
 
@@ -107,34 +118,51 @@ class KeyframeLead(TensorDictModule):
             *([("parts", "bodies"), ("parts", "root")] if parts else []),
         ]
         out_keys: list[NestedKey] = [("led_goal", key) for key in LEAD_KEYS]
-        super().__init__(KeyframeShift(lead / horizon, shortest / horizon), in_keys=in_keys, out_keys=out_keys)
+        shift = KeyframeShift(lead / horizon, shortest / horizon, entries_of(in_keys))
+        super().__init__(shift, in_keys=in_keys, out_keys=out_keys)
         shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), ("K",), (3,))
         expects(self, dict(zip(in_keys, shapes, strict=False)), "lead")
 
 
 class KeyframeShift(nn.Module):
-    """Shift of :class:`KeyframeLead`, with times in units of the horizon."""
+    """Shift of :class:`KeyframeLead`, with times in units of the horizon.
 
-    def __init__(self, lead: float, shortest: float):
+    Args:
+        lead: time.
+        shortest: lower bound on the time left.
+        entries: of the table, of what it is given.
+
+    Attributes:
+        scaled: whether the table scales one of them.
+    """
+
+    def __init__(self, lead: float, shortest: float, entries: Sequence[Entry]):
         super().__init__()
         self.lead = lead
         self.shortest = shortest
+        self._entries = tuple(entries)
+        self.scaled = any(entry.scale != 1.0 for entry in entries)
 
     def share(self, time_left: Tensor) -> Tensor:
         """Return the fraction of the way to it by which a keyframe is moved ``[*B, 1]``."""
         return self.lead / time_left.clamp_min(self.shortest)
 
-    def forward(
-        self,
-        root: Tensor,
-        keypoints: Tensor,
-        time_left: Tensor,
-        bodies: Tensor | None = None,
-        commanded: Tensor | None = None,
-    ) -> tuple[Tensor, Tensor]:
-        """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``."""
+    def forward(self, *observed: Tensor) -> tuple[Tensor, ...]:
+        """Return the moved positions of root ``[*B, 3]`` and keypoints ``[*B, 3 K]``, as they are observed."""
+        root, keypoints, time_left, *parts = quantities(self._entries, observed)
+        bodies, commanded = parts or (None, None)
         shift = root * self.share(time_left) * constant(HORIZONTAL, root)
-        return moved_keyframe(root, keypoints, shift, bodies, commanded)
+        return as_entries(self._entries, moved_keyframe(root, keypoints, shift, bodies, commanded))
+
+
+def quantities(entries: Sequence[Entry], observed: Sequence[Tensor]) -> tuple[Tensor, ...]:
+    """Return the quantities, in their units, that are observed as these values of entries."""
+    return tuple(entry.quantity(value) for entry, value in zip(entries, observed, strict=True))
+
+
+def as_entries(entries: Sequence[Entry], values: Sequence[Tensor]) -> tuple[Tensor, ...]:
+    """Return what policies observe of quantities of the first entries."""
+    return tuple(entry.observed(value) for entry, value in zip(entries, values, strict=False))
 
 
 def moved_keyframe(
@@ -157,13 +185,15 @@ def moved_keyframe(
 
 
 class _Shift(nn.Module):
-    def __init__(self, frames: float, gain: float, limit: float):
+    def __init__(self, frames: float, gain: float, limit: float, entries: Sequence[Entry]):
         super().__init__()
+        self._entries = tuple(entries)
         self.frames = frames
         self.gain = gain
         self.limit = limit
 
-    def forward(self, *positions: Tensor) -> tuple[Tensor, ...]:
+    def forward(self, *observed: Tensor) -> tuple[Tensor, ...]:
+        positions = quantities(self._entries, observed)
         first = positions[0]
         way = torch.nn.functional.pad(first[..., :2], (0, 1))
         too_long = (self.limit / way.norm(dim=-1, keepdim=True).clamp_min(1e-6)).clamp_max(1.0)
@@ -171,4 +201,5 @@ class _Shift(nn.Module):
         if self.frames:
             # two entries a frame: the second frame's root is the third
             shift = shift + self.frames * (positions[2] - first)
-        return tuple((entry.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2) for entry in positions)
+        moved = [(position.unflatten(-1, (-1, 3)) + shift.unsqueeze(-2)).flatten(-2) for position in positions]
+        return as_entries(self._entries, moved)

@@ -1,5 +1,7 @@
 """Reach of a walk: a keyframe that is too far away for the time left is shown nearer."""
 
+from collections.abc import Sequence
+
 import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
@@ -7,8 +9,9 @@ from torch import Tensor, nn
 
 from plat.bounds import Positive, check_value
 from plat.entries import Shape, expects
-from plat.modules.lead import moved_keyframe
+from plat.modules.lead import as_entries, moved_keyframe, quantities
 from plat.modules.settings import WalkingReach
+from plat.spec.observation import Entry, entries_of
 
 __all__ = ["KeyframeReach", "WalkingReach"]
 
@@ -47,26 +50,21 @@ class KeyframeReach(TensorDictModule):
             *([("parts", "bodies"), ("parts", "root")] if parts else []),
         ]
         out_keys: list[NestedKey] = [("near_goal", key) for key in moved]
-        super().__init__(_Nearer(reach, horizon), in_keys=in_keys, out_keys=out_keys)
+        super().__init__(_Nearer(reach, horizon, entries_of(in_keys)), in_keys=in_keys, out_keys=out_keys)
         shapes: tuple[Shape, ...] = ((3,), ("3 K",), (1,), (3,), ("K",), (3,))
         expects(self, dict(zip(in_keys, shapes, strict=False)), "reach")
 
 
 class _Nearer(nn.Module):
-    def __init__(self, reach: WalkingReach, horizon: float):
+    def __init__(self, reach: WalkingReach, horizon: float, entries: Sequence[Entry]):
         super().__init__()
+        self._entries = tuple(entries)
         self.reach = reach
         self.horizon = horizon
 
-    def forward(
-        self,
-        root: Tensor,
-        keypoints: Tensor,
-        time_left: Tensor,
-        velocity: Tensor,
-        bodies: Tensor | None = None,
-        commanded: Tensor | None = None,
-    ) -> tuple[Tensor, Tensor]:
+    def forward(self, *observed: Tensor) -> tuple[Tensor, ...]:
+        root, keypoints, time_left, velocity, *parts = quantities(self._entries, observed)
+        bodies, commanded = parts or (None, None)
         reach, time, way = self.reach, time_left * self.horizon, root[..., :2]
         # the square is bounded before its root: the gradient at a distance of 0 would be infinite
         distance = way.square().sum(-1, keepdim=True).clamp_min(1e-8).sqrt()
@@ -74,4 +72,4 @@ class _Nearer(nn.Module):
         gained = speed * time + 0.5 * reach.acceleration * time.square()
         farthest = reach.margin + torch.minimum(gained, speed.clamp_min(reach.speed) * time)
         shift = nn.functional.pad(((farthest / distance).clamp_max(1.0) - 1.0) * way, (0, 1))
-        return moved_keyframe(root, keypoints, shift, bodies, commanded)
+        return as_entries(self._entries, moved_keyframe(root, keypoints, shift, bodies, commanded))

@@ -1,11 +1,11 @@
 """Loss of the learned dynamics model."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import dispatch
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.objectives.common import LossModule
 
 from plat.bounds import NonNegative, check_value
@@ -67,6 +67,7 @@ class DynamicsLoss(LossModule):
         check_value("dynamics loss: position_weight", position_weight, NonNegative)
         self.model = model
         self.position_weight = position_weight
+        self.register_forward_pre_hook(_with_memory)
 
     @property
     def in_keys(self) -> list[NestedKey]:
@@ -117,6 +118,15 @@ class DynamicsLoss(LossModule):
                 "joint_pos_error": joint_pos.detach(),
             }
         )
+
+
+def _with_memory(loss: nn.Module, args: tuple[Any, ...]) -> tuple[Any, ...] | None:
+    """Give windows of nominal robots an empty memory: ``select_out_keys`` takes what lacks an input for no batch."""
+    assert isinstance(loss, DynamicsLoss)
+    windows, key = args[0] if args else None, loss.tensor_keys.memory
+    if not isinstance(windows, TensorDictBase) or windows.get(key, None) is not None:
+        return None
+    return (windows.copy().set(key, TensorDict({}, windows.batch_size)), *args[1:])
 
 
 def _mean_distance(predicted: Tensor, actual: Tensor) -> Tensor:

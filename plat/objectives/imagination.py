@@ -152,7 +152,8 @@ class ImaginationLoss(LossModule):
         state, memory = starts_of(tensordict, keys.state, keys.memory, joints, "imagination loss")
         if len(batch := tensordict.get(keys.state).shape[:-1]) != 1:
             raise ObservationError(f"imagination loss: states {tuple(batch)}, expected [B], as of reshape(-1)")
-        to_go = penalty = torch.zeros(tensordict.shape, device=state.root_pos_w.device)
+        device = state.root_pos_w.device
+        to_go = penalty = torch.zeros(tensordict.shape, device=device)
         lost = ended = torch.zeros_like(to_go, dtype=torch.bool)
         regularization = divergence = cost_sum = alive_sum = to_go.new_zeros(())
         effort_before: Tensor | None = None
@@ -162,27 +163,29 @@ class ImaginationLoss(LossModule):
             acted = self.policy(observed.copy())
             check_entries(acted, {keys.effort: ("n",), keys.action: (joints,)}, "imagination loss: policy")
             action, effort = acted.get(keys.action), acted.get(keys.effort)
+            effort = effort.to(torch.promote_types(effort.dtype, torch.float32))
             with _HeldOut(self.model):
                 target = motor_target(task.robot, memory, action)
                 state = self.model(state, target, memory.get("physics", None))
-            memory = advanced(task, memory, action, state)
-            here = estimated(state, memory)
-            cost = of_each(task, "cost", task.cost(here, memory), memory)
-            with torch.no_grad():
-                lost = lost | (~ended & of_each(task, "lost", task.lost(here, memory), memory))
-                alive = (~(lost | ended)).to(cost)
-                penalty = penalty + weight * self.lost_cost * lost
-                cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
-            to_go = to_go + weight * alive * cost
-            regularization = regularization + weight * self._moderation(effort, effort_before)
-            divergence = divergence + weight * self._divergence(acted)
-            weights += weight
-            weight *= self.discount
-            effort_before = effort
-            with torch.no_grad():
-                ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
-            memory = renewed(task, memory, here)
-            observed = self._observe(state, memory)
+            with autocast(device, "float32"):  # what a task computes is to be what it computes in simulation
+                memory = advanced(task, memory, action, state)
+                here = estimated(state, memory)
+                cost = of_each(task, "cost", task.cost(here, memory), memory)
+                with torch.no_grad():
+                    lost = lost | (~ended & of_each(task, "lost", task.lost(here, memory), memory))
+                    alive = (~(lost | ended)).to(cost)
+                    penalty = penalty + weight * self.lost_cost * lost
+                    cost_sum, alive_sum = cost_sum + (alive * cost).sum(), alive_sum + alive.sum()
+                to_go = to_go + weight * alive * cost
+                regularization = regularization + weight * self._moderation(effort, effort_before)
+                divergence = divergence + weight * self._divergence(acted)
+                weights += weight
+                weight *= self.discount
+                effort_before = effort
+                with torch.no_grad():
+                    ended = ended | (~lost & of_each(task, "finished", task.finished(memory), memory))
+                memory = renewed(task, memory, here)
+                observed = self._observe(state, memory)
         # without a word the policy would learn to do nothing; a critic has a gradient of its own
         if self.critic is None and state.root_pos_w.requires_grad and not to_go.requires_grad:
             raise TaskError(

@@ -137,6 +137,7 @@ class ImaginationLearner:
         )
         self._reference = GraphedLoss(ReferenceLoss(actor, task), learning, device, config.precision, capture=False)
         self._beside = ModelUpdatesBeside(self.model_updates) if overlap else None
+        self._unlogged: list[dict[str, Tensor]] = []
         self._rates = self._full_rates()
         self.iterations = 0
         """Iterations so far."""
@@ -185,7 +186,7 @@ class ImaginationLearner:
             ActionError: when 50 gradients in a row were not finite.
         """
         config, log = self.config, _Means()
-        for losses in () if self._beside is None else self._beside.finish():  # their rates are those of before
+        for losses in self._finished_beside():  # their rates are those of before
             log.add(losses)
         self._set_rates(fraction)
         if len(replay) > config.window:
@@ -194,6 +195,11 @@ class ImaginationLearner:
             self._learn_policy(partial(replay.states, config.policy_batch, config.recent), log)
         self.iterations += 1
         return log.means()
+
+    def _finished_beside(self) -> list[dict[str, Tensor]]:
+        """Return what is logged of the model's updates that an iteration before began, in another process."""
+        kept, self._unlogged = self._unlogged, []
+        return [*kept, *([] if self._beside is None else self._beside.finish())]
 
     def _learn_robot(self, sample: Callable[[], TensorDictBase], log: "_Means") -> None:
         updates = range(self.config.model_updates)
@@ -263,8 +269,7 @@ class ImaginationLearner:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state from which a resumed run continues, except the average, which is the run's policy."""
-        if self._beside is not None:
-            self._beside.wait()
+        self._unlogged = self._finished_beside()
         return {
             "policy": self.policy.state_dict(),
             "model": self.model.state_dict(),
@@ -274,6 +279,8 @@ class ImaginationLearner:
             "updates": self.updates,
             "watch": self.watch.state_dict(),
             "skipped": {what: updates.in_a_row for what, updates in self._finite.items()},
+            # the next iteration logs them, and a resumed run as one that was not interrupted
+            "unlogged": [{name: float(value) for name, value in losses.items()} for losses in self._unlogged],
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -287,6 +294,7 @@ class ImaginationLearner:
         if ("critic" in state) != (self.critic is not None):
             had, has = ("with" if there else "without" for there in ("critic" in state, self.critic is not None))
             raise StateError(f"imagination: a state {had} a critic, expected one {has}")
+        self._finished_beside()  # updates that are under way would take the place of what is restored
         self.policy.load_state_dict(state["policy"])
         self.model.load_state_dict(state["model"])
         if self.critic is not None:
@@ -298,6 +306,8 @@ class ImaginationLearner:
         self.watch.load_state_dict(state.get("watch", {"costs": []}))  # nor is this
         for what, in_a_row in state.get("skipped", {}).items():  # not in checkpoints of an older plat
             self._finite[what].in_a_row = int(in_a_row)
+        unlogged = state.get("unlogged", ())  # nor is this
+        self._unlogged = [{name: torch.tensor(value) for name, value in losses.items()} for losses in unlogged]
 
     def _load_optimizers(self, states: list[dict[str, Any]]) -> None:
         ours = self._optimizers()

@@ -9,6 +9,7 @@ from plat.entries import check_rollout
 from plat.errors import ConfigError
 from plat.objectives.settings import MotorGradientConfig
 from plat.robots.robot import Robot
+from plat.spec.observation import entries_of
 
 __all__ = ["MotorGradientConfig", "motor_gradient"]
 
@@ -67,8 +68,9 @@ def motor_gradient(
             f"steps is {steps}: the reference of fewer than {ahead} steps after an action is not in the rollout"
         )
     joint_key: NestedKey = ("robot", "joint_pos")
-    joint_pos = rollout[joint_key] + robot.default_joint_pos.to(rollout[joint_key])
-    reference, done = rollout[goal, "joint_pos"], rollout["next", "done"]
+    measured, wanted = entries_of((joint_key, (goal, "joint_pos")))
+    joint_pos = measured.quantity(rollout[joint_key]) + robot.default_joint_pos.to(rollout[joint_key])
+    reference, done = wanted.quantity(rollout[goal, "joint_pos"]), rollout["next", "done"]
     gradient = torch.zeros_like(joint_pos)
     kept = joint_pos.shape[1] - steps
     if kept <= 0:

@@ -87,9 +87,10 @@ class ReferenceLoss(LossModule):
         acted = self.policy(observed)
         check_entries(acted, {keys.action: (joints,)}, "reference loss: policy")
         action = acted.get(keys.action)
-        target = motor_target(task.robot, memory, action)
-        after = remembered(task, "advance", task.advance(memory.clone(), action.detach()), memory)
-        wanted = task.reference(after)
+        with autocast(state.root_pos_w.device, "float32"):
+            target = motor_target(task.robot, memory, action)
+            after = remembered(task, "advance", task.advance(memory.clone(), action.detach()), memory)
+            wanted = task.reference(after)
         if not isinstance(wanted, Tensor) or wanted.shape != target.shape:
             found = tuple(wanted.shape) if isinstance(wanted, Tensor) else wanted
             raise TaskError(f"{type(task).__name__}.reference() returns {found}; expected {tuple(target.shape)}")

@@ -15,11 +15,8 @@ if TYPE_CHECKING:
     from plat.motions.library import MotionLibrary
     from plat.runs.recipe import RecipeConfig
 
-__all__ = ["DISTILL", "STUDENT", "begins", "next_command"]
+__all__ = ["begins", "next_command"]
 
-DISTILL = ("plat distill", "--expert")
-STUDENT = ("--minutes", "15", "--out", "runs/dagger")
-"""Words of the command behind stage 1, before the expert and after its motions."""
 _FILES = ("model.safetensors", "metrics.csv", "config.json")
 
 

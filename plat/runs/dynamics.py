@@ -18,7 +18,7 @@ from plat.runs.saved_run import save_weights
 from plat.runs.trained_for import check_trained_for
 from plat.spec.timing import Timing
 
-__all__ = ["DYNAMICS_FILE", "load_dynamics", "save_dynamics"]
+__all__ = ["DYNAMICS_FILE", "control_dt_of", "load_dynamics", "save_dynamics"]
 
 DYNAMICS_FILE = "dynamics.safetensors"
 
@@ -50,7 +50,7 @@ def load_dynamics(
     folder = run_folder(folder)
     path, told_in = folder / DYNAMICS_FILE, folder / CONFIG_FILE
     policy = read_config(folder).get("policy")
-    dt = _control_dt(policy, told_in)
+    dt = control_dt_of(policy, told_in)
     if not path.exists():
         raise CheckpointError(f"{str(path)!r}: no such file; expected a run of imagination (`plat imagine`)")
     check_trained_for(policy, robot, told_in)
@@ -80,7 +80,7 @@ def _hidden(weights: dict[str, Tensor]) -> tuple[int, ...]:
     return tuple(len(weights[f"network.{2 * layer}.weight"]) for layer in range(layers - 1))
 
 
-def _control_dt(policy: Any, path: Path) -> float:
+def control_dt_of(policy: Any, path: Path) -> float:
     """Return the control step (s) of the policy that a run's ``config.json`` describes, at that path.
 
     Raises:

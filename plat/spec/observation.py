@@ -22,6 +22,7 @@ __all__ = [
     "RobotSizes",
     "as_observed",
     "command_keys",
+    "entries_of",
     "entry_shapes",
     "goal_keys",
     "is_goal",
@@ -46,8 +47,9 @@ OPTIONAL_GROUPS = ("parts", "clock")
 """Groups that some policies observe after those: what a partial keyframe commands, and the end of the time to it."""
 
 # "goal" is what the policy is to reach; "goal_6" the reference six frames ahead; "dense_goal", "dense_goal_6" the same
-# beside a keyframe; "keyframe" a keyframe beside a dense goal; "led_..." any of them, moved ahead by a lead
-_GOAL = re.compile(r"(led_)?((dense_)?goal(_[1-9]\d*)?|keyframe)")
+# beside a keyframe; "keyframe" a keyframe beside a dense goal; "led_..." any of them, moved ahead by a lead;
+# "near_goal" one that is brought within reach
+_GOAL = re.compile(r"(led_|near_)?((dense_)?goal(_[1-9]\d*)?|keyframe)")
 
 
 class RobotSizes(Protocol):
@@ -108,6 +110,14 @@ class Entry:
         7.6
         """
         return quantity if self.scale == 1.0 else self.scale * quantity
+
+    def quantity(self, observed: Any) -> Any:
+        """Return the quantity in the entry's unit that policies observe as this value, see :meth:`observed`.
+
+        >>> Entry("root_height", "m", "world", size=1, scale=10.0).quantity(7.6)
+        0.76
+        """
+        return observed if self.scale == 1.0 else observed / self.scale
 
 
 @dataclass(frozen=True)
@@ -276,6 +286,20 @@ def is_goal(group: str) -> bool:
     [True, True, True, True, True, False]
     """
     return _GOAL.fullmatch(group) is not None
+
+
+def entries_of(keys: Iterable[Any]) -> tuple[Entry, ...]:
+    """Return the entries of the table that keys name; for one that names none, an entry that is its quantity.
+
+    >>> [entry.unit for entry in entries_of((("dense_goal", "joint_pos"), "residual"))]
+    ['rad', '1']
+    """
+    groups, found = table().groups, []
+    for key in keys:
+        group, name = key if isinstance(key, tuple) and len(key) == 2 else ("", str(key))
+        kind = "goal" if is_goal(group) else group
+        found.append(next((entry for entry in groups.get(kind, ()) if entry.name == name), Entry(name, "1", "")))
+    return tuple(found)
 
 
 def entry_shapes(group: str, robot: RobotSizes) -> dict[str, tuple[int, ...]]:

@@ -100,3 +100,20 @@ def test_windows_that_are_none_are_refused_by_name(spoil, message):
     data = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
     with pytest.raises(ObservationError, match=f"^dynamics loss: .*{message}"):
         DynamicsLoss(DynamicsModel(G1, DynamicsConfig(hidden=(16,))))(spoil(data))
+
+
+@pytest.mark.parametrize("memory", [False, True])
+def test_some_of_its_entries_are_selected_as_of_any_loss(memory):
+    state = torch.nn.functional.pad(torch.ones(2, 5, 1), (3, 67))
+    data = TensorDict({"robot_state": state, "action": torch.zeros(2, 5, 29)}, [2, 5])
+    if memory:
+        data["memory"] = TensorDict({"last_action": torch.zeros(2, 5, 29)}, [2, 5])
+    before = set(data.keys(True))
+    loss = DynamicsLoss(DynamicsModel(G1, DynamicsConfig(hidden=(16,))))
+    whole = loss(data)
+    for names in (["loss_dynamics"], ["loss_dynamics", "root_pos_error"]):
+        selected = loss.select_out_keys(*names)(data)
+        assert sorted(selected.keys()) == names
+        loss.reset_out_keys()
+    assert selected["loss_dynamics"] == whole["loss_dynamics"] == loss(**data)[0]
+    assert set(data.keys(True)) == before

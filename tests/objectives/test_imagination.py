@@ -16,7 +16,7 @@ from plat.modules import (
     PlainPolicy,
     PlainPolicyConfig,
 )
-from plat.objectives import ImaginationLoss, LatentImaginationLoss
+from plat.objectives import ImaginationLoss, LatentImaginationLoss, ReferenceLoss
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.tasks import DenseTracking, TimedKeyframes, TimedKeyframesConfig, TrackingCosts
@@ -303,6 +303,64 @@ def test_half_precision_is_for_networks(tracking):
         loss(starts(tracking))
     assert seen[1].requires_grad
     assert seen[1].dtype == torch.float32
+
+
+class Multiplying(DenseTracking):
+    """A task whose every method multiplies matrices, which half precision would round."""
+
+    def _product(self, state):
+        return state.joint_pos @ torch.linspace(0.5, 1.5, 29)
+
+    def observe(self, state, memory):
+        return super().observe(state, memory).set("product", self._product(state)[:, None])
+
+    def cost(self, state, memory):
+        return self._product(state).square() + 1e-3 * memory["sum"]
+
+    def start(self, count):
+        state, memory = super().start(count)
+        return state, memory.set("sum", torch.zeros(count))
+
+    def advance(self, memory, action):
+        return super().advance(memory, action).set("sum", memory["sum"] + action @ torch.linspace(0.5, 1.5, 29))
+
+    def reference(self, memory):
+        return torch.linspace(0.5, 1.5, 29) * memory["sum"][:, None]
+
+
+def test_a_tasks_own_products_are_in_full_precision(library):
+    task = Multiplying(library)
+    policy = TensorDictModule(lambda last: 0.1 + 0.5 * last, [("robot", "last_action")], ["action"])
+    model, begin = DynamicsModel(G1, SMALL), starts(task)
+    nn.init.zeros_(model.network[-1].weight)  # a robot that no layer moves
+    nn.init.zeros_(model.network[-1].bias)
+    for loss, name in (
+        (ImaginationLoss(policy, model, task, steps=3), "imagined_cost"),
+        (ReferenceLoss(policy, task), "loss_reference"),
+    ):
+        exact = loss(begin)[name]
+        with torch.autocast("cpu", torch.bfloat16):
+            assert float(loss(begin)[name]) == float(exact)
+
+
+def test_a_policy_that_ends_in_half_precision_moves_imagined_robots_as_simulated_ones(library):
+    torch.manual_seed(0)
+    task, targets = DenseTracking(library), []
+    policy = TensorDictModule(nn.Linear(29, 29), [("robot", "joint_pos")], ["action"])
+
+    class Model(DynamicsModel):
+        def forward(self, state, target, parameters=None):
+            targets.append(target)
+            return super().forward(state, target, parameters)
+
+    begin = starts(task)
+    with torch.autocast("cpu", torch.bfloat16):
+        ImaginationLoss(policy, Model(G1, SMALL), task, steps=1)(begin)["loss_policy"].backward()
+        action = policy(task.observe(GeneralizedState.unpack(begin["robot_state"]), begin["memory"]))["action"]
+    assert action.dtype == torch.bfloat16
+    assert policy.module.weight.grad.abs().sum() > 0
+    # an environment takes actions as float32
+    assert targets[0].equal(G1.default_joint_pos + G1.action_scale * action.float())
 
 
 @pytest.fixture(scope="module")

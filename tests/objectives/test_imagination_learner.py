@@ -176,13 +176,25 @@ def test_a_learner_whose_model_learns_beside_goes_on_from_its_state(overlapped):
     other, results = another(learner), []
     for each in (learner, other):
         torch.manual_seed(5)
-        for _ in range(2):
-            last = each.step(replay)
+        logged = [each.step(replay) for _ in range(2)]
         each.state_dict()
-        results.append((last, *(weights(module) for module in modules(each))))
+        results.append((logged, *(weights(module) for module in modules(each))))
     assert results[0][0] == results[1][0]
+    assert all("model/loss" in losses for losses in results[0][0])  # of updates that were begun before as well
     for ours, theirs in zip(results[0][1:], results[1][1:], strict=True):
         assert all(ours[name].equal(theirs[name]) for name in ours)
+
+
+@ALONE
+def test_what_is_restored_is_not_overtaken_by_updates_under_way(overlapped):
+    learner, _, replay = overlapped
+    learner.step(replay)
+    state = copy.deepcopy(learner.state_dict())
+    kept = weights(learner.model)
+    learner.step(replay)  # begins others
+    learner.load_state_dict(state)
+    learner.state_dict()
+    assert all(weights(learner.model)[name].equal(kept[name]) for name in kept)
 
 
 def test_it_goes_on_from_its_state(setting):

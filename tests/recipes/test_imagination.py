@@ -117,6 +117,10 @@ def test_overlapped_a_seed_fixes_the_result_and_a_resumed_run_is_the_same(tmp_pa
     a, b, c = (load_file(tmp_path / name / "model.safetensors") for name in "abc")
     assert not all(a[name].equal(b[name]) for name in a)  # in an older model of the robot
     assert all(a[name].equal(c[name]) for name in a)
+    whole, parted = (rows_of(tmp_path / name / "metrics.csv") for name in "ac")
+    for row in (*whole, *parted):
+        del row["seconds"]
+    assert parted == whole
     assert all(value.isfinite().all() for value in a.values())
 
 

@@ -93,6 +93,16 @@ def test_distilling_from_what_is_no_teacher(tmp_path, kind):
     assert f"{kind}' holds a policy of kind '{kind}', expected a teacher" in message
 
 
+def test_a_teacher_at_another_control_step_is_named_with_both(tmp_path):
+    teacher = save_run(tmp_path / "teacher", Expert(G1, ExpertConfig(hidden=(8,), timing=Timing(control_dt=0.04))))
+    message = last_line(distill.main, distill.DistillRecipe(expert=teacher, **settings(tmp_path)))
+    assert "teacher': control step of 0.04 s, expected the policy's 0.02 s" in message
+    recipe = expert.ExpertRecipe(**{**settings(tmp_path), "out": teacher})
+    assert f"plat distill --expert {teacher} " in expert.after(recipe)  # as after --init
+    assert " --policy.timing.control-dt 0.04 --minutes" in expert.after(recipe)
+    assert "control-dt" not in expert.after(expert.ExpertRecipe(**settings(tmp_path)))
+
+
 def test_going_on_from_what_is_no_expert(tmp_path):
     run = save_run(tmp_path / "plain", POLICIES["plain"]())
     message = last_line(expert.main, expert.ExpertRecipe(init=run, **settings(tmp_path)))

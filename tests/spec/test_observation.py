@@ -32,7 +32,9 @@ def test_keys_are_the_entries_of_their_group():
         assert keys == tuple((group, name) for name in entry_shapes(group, G1))
 
 
-@pytest.mark.parametrize("group", ["goal", "goal_6", "dense_goal", "dense_goal_12", "led_goal", "led_dense_goal_6"])
+@pytest.mark.parametrize(
+    "group", ["goal", "goal_6", "dense_goal", "dense_goal_12", "led_goal", "led_dense_goal_6", "near_goal"]
+)
 def test_names_of_goals(group):
     assert is_goal(group)
     assert observation_size([(group, "root_pos_b")], G1) == 3

@@ -8,6 +8,7 @@ from torchrl.envs import Transform
 
 from plat.bounds import NonNegative, check_value
 from plat.envs.transforms.base import Statistics, check_entries
+from plat.envs.transforms.reward_terms import last_action
 from plat.envs.transforms.terminations import TerminationLimits, commanded_parts, fallen
 from plat.motions.library import MotionLibrary
 from plat.rotations import quat_to_matrix
@@ -94,7 +95,7 @@ class KeyframeMetrics(Transform):
             "joint_error": _mean_of((state["joint_pos"] - reference["joint_pos"]).abs(), joints),
             "keypoint_error": _mean_of(torch.linalg.vector_norm(pos - reference_pos, dim=-1), bodies),
             "keypoint_error_root": _mean_of(torch.linalg.vector_norm(body - reference_body, dim=-1), bodies_in_root),
-            "action_change": (tensordict["action"] - tensordict["robot", "last_action"]).abs().mean(-1),
+            "action_change": (tensordict["action"] - last_action(tensordict)).abs().mean(-1),
             "joint_jerk": self._jerk(state["joint_vel"]),
             "foot_slip": (speed * loaded).sum(-1) / loaded.sum(-1).clamp_min(1),
             "fallen": fallen(state, reference, self._robot, self._limits, parts).float(),

@@ -10,6 +10,7 @@ from plat.envs.transforms.rewards import Reward, RewardFunction
 from plat.envs.transforms.settings import TrackingTerm
 from plat.envs.transforms.terminations import commanded_parts
 from plat.rotations import quat_angle
+from plat.spec.observation import table
 
 __all__ = [
     "Reward",
@@ -25,6 +26,7 @@ __all__ = [
     "foot_slip",
     "joint_pos_error",
     "keypoint_rot_error",
+    "last_action",
     "limit_excess",
     "squared_distance",
     "tracking",
@@ -154,6 +156,12 @@ def keypoint_rot_error(state: TensorDictBase, reference: TensorDictBase) -> Tens
 def limit_excess(joint_pos: Tensor, low: Tensor, high: Tensor) -> Tensor:
     """Return the sum over joints ``[N]`` (rad) of the angles beyond the limits."""
     return ((low - joint_pos).clamp_min(0) + (joint_pos - high).clamp_min(0)).sum(-1)
+
+
+def last_action(before: TensorDictBase) -> Tensor:
+    """Return the action ``[N, J]`` of the step before, of entries before a step."""
+    last: Tensor = table().entry("robot", "last_action").quantity(before["robot", "last_action"])
+    return last
 
 
 def foot_slip(state: TensorDictBase, feet: list[int], loaded: float = 5.0) -> Tensor:

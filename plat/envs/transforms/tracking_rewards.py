@@ -140,7 +140,7 @@ class Regularization(Bounded):
         robot_weight = 9.81 * float(robot.shared_model.body_mass.sum())
 
         def action_rate(before: TensorDictBase, after: TensorDictBase) -> Tensor:
-            return (before["action"] - before["robot", "last_action"]).square().sum(-1)
+            return (before["action"] - terms.last_action(before)).square().sum(-1)
 
         def joint_limit(before: TensorDictBase, after: TensorDictBase) -> Tensor:
             joint_pos = after["state", "joint_pos"]
