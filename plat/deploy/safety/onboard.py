@@ -196,9 +196,10 @@ class OnboardController:
         numbers = {"": b""}
         for field in fields(OnboardReading):
             name = field.name
-            if name == "temperature" or (values := getattr(reading, name)) is None:
+            values = getattr(reading, name)
+            if name == "temperature" or (name == "torque" and values is None):
                 continue
-            values = np.asarray(values, dtype=np.float64)
+            values = np.asarray(values, dtype=np.float64)  # None is a number without axes
             if values.shape != (sizes[name],) or not np.isfinite(values).all():
                 raise StateError(f"{name}: expected {sizes[name]} finite numbers")
             if name in most and (largest := float(np.abs(values).max())) > most[name]:

@@ -125,6 +125,15 @@ def test_a_stop_after_a_reset_within_one_step_is_sent():
     assert bench.commands[-1][0] > 0.45
 
 
+@pytest.mark.parametrize("field", ["joint_pos", "joint_vel", "gyro", "acceleration"])
+def test_a_sensor_that_is_missing_once_does_not_keep_it_from_settling(field):
+    bench = Bench().run(0.05)
+    bench.step(bench.reading(**{field: None}))
+    bench.run(0.2)
+    assert bench.controller.mode == "ramp"
+    assert [entry.reason.partition(":")[0] for entry in bench.controller.journal] == [field]
+
+
 def test_a_robot_that_moves_has_to_come_to_rest():
     bench = Bench()
     while bench.now < 0.5:
