@@ -228,6 +228,14 @@ def test_a_clock_that_goes_back_for_good_brakes():
     assert bench.controller.mode == "damping"
 
 
+def test_a_clock_that_breaks_for_good_brakes():
+    bench = Bench().run(0.6)
+    bench.now = np.nan
+    bench.run(0.3)
+    assert bench.controller.mode == "damping"
+    assert not bench.commands[-1][1].stiffness.any()
+
+
 def test_temperatures_reach_the_stops():
     hot = np.full(29, 40.0)
     hot[7] = 95.0
