@@ -684,6 +684,10 @@ def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
         assert (found, visitor.get("timeline.selected")) == (pytest.approx(times), selected)
     assert visitor.get("past.length") == 2
     assert visitor.get("timeline.labels") == ["start", "1", "2 bow", "3 rise", "4"]
+    visitor.page.evaluate("window.platStudio.receive({ do: 'select', number: 3 }); window.platStudio.pin('left hand')")
+    for time, bodies in ((1.8, ["left_wrist_yaw_link"]), (0.2, None)):  # of what the next one commands
+        visitor.page.evaluate("time => window.platStudio.receive({ do: 'add', time })", time)
+        assert visitor.get("timeline.pose.commands?.bodies ?? null") == bodies
     for name, kept in (("up (hold)", "up"), ("(hold)", None), (" on ", "on")):
         assert visitor.get(f"timeline.renamed({name!r}).pose.name") == kept, (
             "as in Python: only ends of holds are so named"
