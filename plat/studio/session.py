@@ -66,7 +66,7 @@ class Session:
         """The keyframes as they were when they were last saved or loaded."""
         self.opened: Path | None = None
         """The file that was opened to begin with."""
-        self._clipboard: Keyframe | None = None
+        self._clipboard: tuple[Keyframe, float] | None = None  # with the seconds that it is held
         self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
         self._dragging = False
         self._refused = False
@@ -173,18 +173,19 @@ class Session:
         return self._clipboard is not None
 
     def copy(self) -> None:
-        """Copy the selected pose for :meth:`paste`."""
-        self._clipboard = self.timeline.pose
+        """Copy the selected pose, and how long it is held, for :meth:`paste`."""
+        self._clipboard = self.timeline.pose, self.timeline.hold
 
     def paste(self) -> None:
-        """Add a keyframe with the copied pose after the selected one.
+        """Add a keyframe with the copied pose, held as long, after the selected one.
 
         Raises:
             KeyframeError: when nothing was copied.
         """
         if self._clipboard is None:
             raise KeyframeError("nothing to paste: copy a keyframe first")
-        self.edit(self.timeline.inserted(self._clipboard))
+        pose, hold = self._clipboard
+        self.edit(self.timeline.inserted(pose, hold=hold))
 
     def _keyframes_changed(self) -> None:
         self.playback.changed()

@@ -383,10 +383,12 @@ def test_a_pose_that_no_file_may_hold_is_refused(session, axis, value):
 def test_cut_keyframes_can_be_pasted(session):
     with_squat(session)
     session.select(1)
+    session.edit(session.timeline.held(0.4))
     session.cut()
     assert len(session.timeline.keyframes) == 1
     session.paste()
     np.testing.assert_array_equal(session.timeline.pose.qpos, squat())
+    assert session.timeline.hold == pytest.approx(0.4), "it is the keyframe, not its pose alone"
 
 
 def test_symmetric_posing_moves_both_sides(session):

@@ -672,6 +672,15 @@ def test_a_drag_to_where_no_robot_can_be_is_refused_once(visitor):
 
 
 @pytest.mark.slow
+def test_a_keyframe_that_is_cut_and_pasted_keeps_its_hold(visitor):
+    visitor.begin("bow")
+    for do in ("cut", "last", "paste"):
+        visitor.page.evaluate("what => window.platStudio.receive({ do: what })", do)
+    assert visitor.get("timeline.labels") == ["start", "1 rise", "2 bow"]
+    assert visitor.get("timeline.holds") == [0, 0.6]
+
+
+@pytest.mark.slow
 def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
     visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
     for time, times, selected in (

@@ -134,8 +134,8 @@ class Studio {
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed([...String(value)].slice(0, 60).join(""))),
       drag: () => this.press(), end: () => this.letGo(), add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
-      copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
-      paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
+      copy: () => this.copy(), cut: () => { const left = now().removed(); this.copy(); edit(left); },
+      paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard.pose, NEW_INTERVAL, this.clipboard.hold)); },
       mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
       stand: () => edit(now().posed(this.robot.standing(now().pose.qpos))),
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
@@ -167,6 +167,8 @@ class Studio {
     if (!qpos) throw new Error(`keyframe at ${after.time} s${after.name ? ` ('${after.name}')` : ""}: no way around was found, and ${blocked}: change one of the poses`);
     this.edit(this.timeline.parted(qpos));
   }
+
+  copy() { const { pose, hold } = this.timeline; this.clipboard = { pose, hold }; }
 
   press() { this.pressed = true; this.gesture = null; }
 
