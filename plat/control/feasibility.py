@@ -24,7 +24,7 @@ from plat.motions.checks.feet import Soles
 from plat.robots import Robot
 from plat.spec.parts import Parts
 
-__all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
+__all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "repeats", "support_margin"]
 
 WAY_PARTS = 12
 """Equal parts of the straight way between two poses; links are looked at where two of them meet."""
@@ -158,7 +158,7 @@ class Feasibility:
         check_sequence("keyframes", keyframes)
         following = (*keyframes.keyframes[1:], None)
         triples = zip(keyframes.arrived[:-1], keyframes.keyframes, following, strict=True)
-        return tuple(self(before, now, held=after is None or _same(now, after)) for before, now, after in triples)
+        return tuple(self(before, now, held=after is None or repeats(now, after)) for before, now, after in triples)
 
     def _checked(self, name: str, pose: Keyframe) -> Keyframe:
         check_keyframe(name, pose)
@@ -353,9 +353,16 @@ def support_margin(point: NDArray[np.floating], support: NDArray[np.floating] | 
     return float(((np.asarray(support) - point) @ directions).max(0).min())
 
 
-def _same(one: Keyframe, other: Keyframe) -> bool:
-    """Return whether two keyframes command the same pose."""
-    return one.commands == other.commands and np.allclose(one.qpos, other.qpos, atol=1e-6)
+def repeats(one: Keyframe, other: Keyframe) -> bool:
+    """Return whether two keyframes command the same pose, which the robot then holds from one to the other.
+
+    >>> from plat.keyframes import standing
+    >>> from plat.robots import G1
+    >>> repeats(standing(G1).at(1.0), standing(G1).at(2.0))
+    True
+    """
+    same = one.commands == other.commands or (one.whole and other.whole)
+    return same and np.allclose(one.qpos, other.qpos, atol=1e-6)
 
 
 def _tenths(value: float) -> str:

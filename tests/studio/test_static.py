@@ -857,6 +857,28 @@ def test_doubts_are_pythons(visitor):
 
 
 @pytest.mark.slow
+def test_a_repeated_pose_is_doubted_as_one_that_is_held_as_in_python(visitor):
+    high = standing(G1).qpos + 0.2 * np.eye(36)[2]
+    hands = preset("hands", G1)
+    poses = [(high, None), (high, None), (high, hands), (high, hands), (high + 1e-3, hands), (high, None)]
+    frames = tuple(
+        replace(Keyframe.from_qpos(1.0 + at, qpos), commands=parts) for at, (qpos, parts) in enumerate(poses)
+    )
+    timeline = Timeline(G1, standing(G1), frames)
+    found = visitor.page.evaluate(
+        "async (frames) => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+        "it.edit(new Timeline(it.site, standing(it.site), frames, frames.map(() => 0), 1));"
+        "return it.verdicts().map(({ words }) => words); }",
+        [
+            {"time": frame.time, "name": None, "qpos": qpos.tolist(), "commands": parts and parts.names(G1)}
+            for frame, (qpos, parts) in zip(frames, poses, strict=True)
+        ],
+    )
+    assert found == [list(verdict.words) for verdict in Checker(G1).timeline(timeline)]
+    assert [bool(words) for words in found] == [True, False, False, False, False, True]
+
+
+@pytest.mark.slow
 def test_arms_are_led_around_as_in_python(visitor, tmp_path):
     file = tmp_path / "crossed.json"
     write_keyframes(file, G1, standing(G1), (ABOVE, BELOW))

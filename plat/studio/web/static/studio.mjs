@@ -343,11 +343,12 @@ class Studio {
     return new Set(Object.values(bodies).filter((body) => !kept.has(body)));
   }
 
-  /* What is doubtful about each keyframe, and its fastest joint; those that are held, and the last one, must be balanced. */
+  /* What is doubtful about each keyframe, and its fastest joint; those that are held or repeated, and the last one, must be balanced. */
   verdicts() {
-    const { keyframes, holds, ways } = this.timeline, known = new Map();
+    const { keyframes, holds, ways } = this.timeline, known = new Map(), parts = (frame) => String(mask(frame, this.site));
+    const repeats = (frame, after) => parts(frame) === parts(after) && after.qpos.every((value, at) => Math.abs(value - frame.qpos[at]) <= 1e-6 + 1e-5 * Math.abs(value));
     const result = ways.map(([before, frame], index) => {
-      const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
+      const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, after = keyframes[index + 1], held = holds[index] > 0 || !after || repeats(frame, after);
       const from = String(before.qpos), kept = this.known.get(frame), same = kept && kept.from === from && kept.seconds === seconds && kept.held === held;
       const one = same ? kept : { from, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
       known.set(frame, one);
