@@ -23,6 +23,7 @@ from plat.motions.checks.collision import link_contacts
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
 from plat.spec.parts import Parts
+from plat.words import beyond
 
 __all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "repeats", "support_margin"]
 
@@ -177,7 +178,7 @@ class Feasibility:
                 name,
                 float(speed),
                 limits.joint_speed,
-                f"{name} would need {_tenths(speed)} rad/s, expected at most {_tenths(limits.joint_speed)}",
+                f"{name} would need {_needed(speed, limits.joint_speed, 'rad/s')}",
             )
             for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
             if speed > limits.joint_speed
@@ -205,7 +206,7 @@ class Feasibility:
                 "turn_speed",
                 turn,
                 limits.turn_speed,
-                f"the turn would need {_tenths(turn)} rad/s, expected at most {_tenths(limits.turn_speed)}",
+                f"the turn would need {_needed(turn, limits.turn_speed, 'rad/s')}",
             ),
         ):
             if value > limit:
@@ -222,7 +223,7 @@ class Feasibility:
             self._robot.keypoints, after.commands.bodies, speeds, places[1][:, 2], strict=True
         ):
             if commanded and speed > limits.body_speed:
-                words = f"{name} would need {_tenths(speed)} m/s, expected at most {_tenths(limits.body_speed)}"
+                words = f"{name} would need {_needed(speed, limits.body_speed, 'm/s')}"
                 concerns.append(Concern("body_speed", name, float(speed), limits.body_speed, words))
             if commanded and -height > limits.floor_penetration:
                 concerns.append(self._sunk(name, -float(height)))
@@ -365,9 +366,9 @@ def repeats(one: Keyframe, other: Keyframe) -> bool:
     return same and np.allclose(one.qpos, other.qpos, atol=1e-6)
 
 
-def _tenths(value: float) -> str:
-    """Return a number with one decimal, or none: what is a little beyond a limit must not read as the limit."""
-    return f"{value:.1f}".removesuffix(".0")
+def _needed(speed: float, limit: float, unit: str) -> str:
+    """Return a speed with one decimal, or more where it would read as the limit that it is beyond, and the limit."""
+    return f"{beyond(speed, limit, digits=1).removesuffix('.0')} {unit}, expected at most {limit:g}"
 
 
 def _angle(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:

@@ -812,7 +812,7 @@ def test_pins_change_nothing_else_and_choices_are_exact(visitor):
 @pytest.mark.slow
 def test_doubts_are_pythons(visitor):
     feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
-    names = ("far", "folded", "sunk", "buried", "floating", "tipping", "turned", "high")
+    names = ("far", "folded", "sunk", "buried", "floating", "tipping", "turned", "turning", "high")
     poses = {name: G1.default_qpos.copy() for name in names}
     poses["far"][0] += 3
     poses["folded"][7 + joints.index("left_shoulder_roll")] = -1.2
@@ -822,6 +822,7 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
+    poses["turning"][3:7] = [np.cos(0.751), 0.0, 0.0, np.sin(0.751)]  # 6.008 rad/s, of 6
     poses["buried"][2] = -0.2
     poses |= {"above": ABOVE.qpos, "below": BELOW.qpos}
     circle = KeyframeSequence.load(Path(__file__).parents[2] / "recipes" / "examples" / "hands.json", G1).keyframes
@@ -853,6 +854,7 @@ def test_doubts_are_pythons(visitor):
     assert sum("straight way" in words for words in said) == 2
     assert "root is 20 cm inside the floor" in said
     assert said.count("3.0 m up in 0.50 s takes 12.0 m/s") == 2
+    assert "the turn would need 6.01 rad/s, expected at most 6" in said
     assert sum("higher than a jump" in words for words in said) == 2
 
 

@@ -4,8 +4,7 @@ import { asArrived, between, following, mask, nearestStep, withCommandedRoot } f
 import { angle } from "./rotations.mjs";
 
 /* A number that is beyond a limit, with as many digits as show it. */
-const beyond = (value, limit) => {
-  let digits = 2;
+export const beyond = (value, limit, digits = 2) => {
   while (Number(value.toFixed(digits)) <= limit && limit < value) digits += 1;
   return value.toFixed(digits);
 };
