@@ -185,6 +185,8 @@ class OnboardController:
         else:
             dt = min(now - self._time, _LONGEST_GAP)
             self._state = self._estimator.update(*sensed, dt, reading.torque)
+            if self._safe.mode in ("wait", "ramp") and not self._estimator.contacts.any():
+                self._state = self._estimator.hang(dt)  # nothing balances yet: it would fall if nobody held it
             self._time, self._fresh = now, True
         if reading.temperature is not None:
             self._hot = np.asarray(reading.temperature, dtype=np.float64)

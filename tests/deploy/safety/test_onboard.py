@@ -134,6 +134,24 @@ def test_a_sensor_that_is_missing_once_does_not_keep_it_from_settling(field):
     assert [entry.reason.partition(":")[0] for entry in bench.controller.journal] == [field]
 
 
+@pytest.mark.parametrize("mode", ["ramp", "run"])
+def test_a_robot_that_hangs_until_it_runs_does_not_drift_away(mode):
+    """Its feet bear no weight, and its accelerometer is off."""
+    settings = replace(QUICK, ramp=6.0 if mode == "ramp" else 0.2)
+    bench = Bench(settings)
+    while bench.now < 6.0:
+        reading = bench.reading(torque=np.zeros(29))
+        bench.step(replace(reading, acceleration=reading.acceleration + 0.05))
+    assert bench.controller.mode == mode
+    state = bench.controller.state
+    drift = abs(state.root_pos_w[2] - ROBOT.root_height)
+    if mode == "ramp":
+        assert drift < 0.03
+        assert np.abs(state.root_lin_vel_b).max() < 0.05
+    else:
+        assert drift > 0.1, "then it may move"
+
+
 def test_a_robot_that_moves_has_to_come_to_rest():
     bench = Bench()
     while bench.now < 0.5:
