@@ -267,6 +267,13 @@ def test_keys_add_mirror_copy_paste_and_delete(user):
     takes.fill("0,5")
     user.key("Enter")
     user.until(lambda: session.timeline.interval == 0.5)
+    # the third level of other keyboards: AltGr in Linux, in Windows, Option
+    for held in ({}, {"ctrlKey": True, "altKey": True}, {"altKey": True}):
+        user.page.evaluate(
+            "held => document.body.dispatchEvent(new KeyboardEvent('keydown', { key: '[', bubbles: true, ...held }))",
+            held,
+        )
+    user.until(lambda: session.timeline.interval == 0.44)
     user.key("?")
     user.sees("Keys and mouse")
     user.key("Escape")
