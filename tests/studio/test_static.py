@@ -1032,6 +1032,19 @@ def test_who_is_down_is_down_as_in_python(visitor):
 
 
 @pytest.mark.slow
+def test_a_root_that_sinks_where_nothing_says_so_is_told_as_in_python(visitor):
+    visitor.begin("bow")
+    words = visitor.page.evaluate(
+        "async () => { const { Chase } = await import('./chase.mjs'), it = window.platStudio, { timeline } = it;"
+        "const chase = new Chase(it.robot, it.policies[it.policy], timeline.start, timeline.sequence(150));"
+        "const near = { root: 0, joint: 0, bodies: 0, turn: 0, height: 0, near: true, down: false, keypoint: null };"
+        "chase.scorer.steps[0] = [{ ...near, offPose: true, fallen: true, inWindow: true, arrival: true }];"
+        "const [{ words }] = chase.scorer.scores(); chase.end(); return words; }"
+    )
+    assert words == "late or off: the root too low or tilted"
+
+
+@pytest.mark.slow
 def test_a_time_that_is_sought_while_it_plays_is_kept(visitor):
     visitor.begin("bow")
     visitor.page.keyboard.press("Space")

@@ -163,6 +163,8 @@ class Scorer {
         arrival.joint > limits.joints && `joints ${beyond(arrival.joint, limits.joints)} rad off`, arrival.bodies > limits.bodies && `a commanded body ${beyond(arrival.bodies, limits.bodies)} m off`,
         height > edge && `a hand, a foot or the torso ${beyond(height, edge)} m too high or low`, turn > farTurned && `turned by ${beyond(turn, farTurned)} rad`,
       ].filter(Boolean);
+      // what no part of the keyframe says is left: the root fell by TKS, of a partial one that does not command it
+      if (!fell && !reached && !faults.length) faults.push("the root too low or tilted");
       const afterwards = index === this.frames.length - 1 && this.fell !== null && !arrival.down;
       const outcome = fell ? "fell" : reached ? "reached" : "late or off";
       return {
