@@ -1032,6 +1032,19 @@ def test_who_is_down_is_down_as_in_python(visitor):
 
 
 @pytest.mark.slow
+def test_a_drag_leaves_a_pose_alone_that_was_selected_meanwhile(visitor):
+    visitor.begin("bow")
+    same = visitor.page.evaluate(
+        "() => { const it = window.platStudio, [, other] = it.timeline.keyframes;"
+        "it.grab(); it.receive({ do: 'next' });"
+        "const { pos, quat } = it.robot.frames(it.timeline.pose.qpos)[it.handle];"
+        "it.drag({ pos: pos.map((value) => value + 0.05), quat }); it.grip = null;"
+        "return [it.timeline.selected, it.timeline.keyframes[1] === other]; }"
+    )
+    assert same == [2, True]
+
+
+@pytest.mark.slow
 def test_a_root_that_sinks_where_nothing_says_so_is_told_as_in_python(visitor):
     visitor.begin("bow")
     words = visitor.page.evaluate(

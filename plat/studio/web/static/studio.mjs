@@ -90,8 +90,8 @@ class Studio {
     window.addEventListener("pagehide", () => this.keep());
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = this.turned = this.gesture = null; this.show(); },
-      grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
-      turnJoint: (quat) => this.guarded(() => { const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
+      grabJoint: () => { this.gesture = null; this.turned = { selected: this.timeline.selected, quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
+      turnJoint: (quat) => this.guarded(() => { if (this.turned.selected !== this.timeline.selected) return; const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
       choose: (name) => this.guarded(() => { this.handle = name; this.scene.ringed = false; this.show(); }),
       clickBody: (body) => this.guarded(() => this.clickBody(body)),
     });
@@ -275,12 +275,12 @@ class Studio {
     const qpos = this.timeline.pose.qpos, frames = this.robot.frames(qpos);
     const parts = { feet: ["left foot", "right foot"], pelvis: ["pelvis"], chest: /(hand|elbow)$/.test(this.handle) ? ["chest"] : [], hands: ["left hand", "right hand"] };
     const held = Object.entries(parts).flatMap(([part, names]) => (this.at[`hold ${part}`].checked ? names : []));
-    this.grip = { rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
+    this.grip = { selected: this.timeline.selected, rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
   }
 
   drag(target) {
     const { grip } = this;
-    if (!grip) return;
+    if (!grip || grip.selected !== this.timeline.selected) return; // a key has selected another pose meanwhile
     this.guarded(() => {
       const { qpos } = this.timeline.pose, symmetric = this.at.symmetric.checked;
       let posed = this.robot.dragged(qpos, this.handle, target, grip.held, grip.rest, this.at.limb.checked || symmetric);
