@@ -779,7 +779,7 @@ def test_a_keyframe_is_copied_after_its_name_was_marked_and_left(visitor):
     page.keyboard.press("Control+a")
     page.keyboard.press("Enter")
     page.keyboard.press("Control+c")
-    visitor.until("studio.clipboard?.name === 'bow'")
+    visitor.until("studio.clipboard?.pose.name === 'bow'")
 
 
 @pytest.mark.slow
