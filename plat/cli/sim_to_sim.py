@@ -47,8 +47,8 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
     if runner.robot.name != robot.name:  # of the same joints, or it would have been refused
-        told = f"drives robot {runner.robot.name!r}, expected {robot.name!r}, that of --robot"
-        raise BundleError(f"bundle {str(recipe.bundle)!r}: {told}")
+        expected = f"expected {robot.name!r}, that of --robot"
+        raise BundleError(f"bundle {str(recipe.bundle)!r}: drives robot {runner.robot.name!r}, {expected}")
     timing = runner.timing
     sequences, long = [], []
     for path in recipe.keyframes:
