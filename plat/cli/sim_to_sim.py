@@ -26,7 +26,7 @@ from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, ph
 from plat.control.chase import check_parts_are_seen
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
-from plat.errors import ActionError, KeyframeError
+from plat.errors import ActionError, BundleError, KeyframeError
 from plat.keyframes import Keyframe, KeyframeSequence
 from plat.motions import MotionLibrary
 from plat.robots import G1, Robot, get_robot
@@ -46,6 +46,9 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     torch.set_num_threads(1)  # only the scores are torch's, one robot at a time
     robot = get_robot(recipe.robot)
     runner = PolicyRunner(recipe.bundle, robot.joint_names)
+    if runner.robot.name != robot.name:  # of the same joints, or it would have been refused
+        expected = f"expected {robot.name!r}, that of --robot"
+        raise BundleError(f"bundle {str(recipe.bundle)!r}: drives robot {runner.robot.name!r}, {expected}")
     timing = runner.timing
     sequences, long = [], []
     for path in recipe.keyframes:

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from plat.files import expand_home
 from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
 from plat.robots import Robot, get_robot
-from plat.runs import Policy, load_policy
+from plat.runs import Policy, load_policy, same_robot
 from plat.runs.policies import deployed
 from plat.runs.user_modules import import_modules
 
@@ -47,6 +47,7 @@ def main(recipe: StudioRecipe) -> None:
     runs = dict(zip(_names(recipe.runs), recipe.runs, strict=True))
     policies = {name: load_policy(run) for name, run in runs.items()}
     robot = next(iter(policies.values())).robot
+    check_robots(runs, policies)
     if recipe.static is not None:
         _write_static(recipe, runs, policies, robot)
         return
@@ -103,6 +104,25 @@ def check_once(runs: tuple[Path, ...]) -> None:
         if other is not run:
             also = "" if str(other) == str(run) else f", also as {str(other)!r}"
             raise StudioError(f"run {str(run)!r} is given twice{also}: expected each run once")
+
+
+def check_robots(runs: Mapping[str, Path], policies: Mapping[str, Policy]) -> None:
+    """Raise an error for policies of several robots: for another one than theirs their actions mean other targets.
+
+    Args:
+        runs: run directories by name.
+        policies: by the same names.
+
+    Raises:
+        StudioError: naming the run.
+    """
+    (first, one), *others = policies.items()
+    for name, policy in others:
+        if not same_robot(policy.robot, one.robot):
+            raise StudioError(
+                f"run {str(runs[name])!r} drives robot {policy.robot.name!r}, and {str(runs[first])!r} "
+                f"{one.robot.name!r}: open them apart"
+            )
 
 
 def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[str, Policy], robot: Robot) -> None:

@@ -23,8 +23,9 @@ from plat.motions.checks.collision import link_contacts
 from plat.motions.checks.feet import Soles
 from plat.robots import Robot
 from plat.spec.parts import Parts
+from plat.words import beyond
 
-__all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "support_margin"]
+__all__ = ["WAY_PARTS", "Concern", "Feasibility", "FeasibilityLimits", "repeats", "support_margin"]
 
 WAY_PARTS = 12
 """Equal parts of the straight way between two poses; links are looked at where two of them meet."""
@@ -158,7 +159,7 @@ class Feasibility:
         check_sequence("keyframes", keyframes)
         following = (*keyframes.keyframes[1:], None)
         triples = zip(keyframes.arrived[:-1], keyframes.keyframes, following, strict=True)
-        return tuple(self(before, now, held=after is None or _same(now, after)) for before, now, after in triples)
+        return tuple(self(before, now, held=after is None or repeats(now, after)) for before, now, after in triples)
 
     def _checked(self, name: str, pose: Keyframe) -> Keyframe:
         check_keyframe(name, pose)
@@ -177,7 +178,7 @@ class Feasibility:
                 name,
                 float(speed),
                 limits.joint_speed,
-                f"{name} would need {_tenths(speed)} rad/s, expected at most {_tenths(limits.joint_speed)}",
+                f"{name} would need {_needed(speed, limits.joint_speed, 'rad/s')}",
             )
             for name, speed in sorted(zip(self._robot.joint_names, speeds, strict=True), key=lambda pair: -pair[1])
             if speed > limits.joint_speed
@@ -205,7 +206,7 @@ class Feasibility:
                 "turn_speed",
                 turn,
                 limits.turn_speed,
-                f"the turn would need {_tenths(turn)} rad/s, expected at most {_tenths(limits.turn_speed)}",
+                f"the turn would need {_needed(turn, limits.turn_speed, 'rad/s')}",
             ),
         ):
             if value > limit:
@@ -222,7 +223,7 @@ class Feasibility:
             self._robot.keypoints, after.commands.bodies, speeds, places[1][:, 2], strict=True
         ):
             if commanded and speed > limits.body_speed:
-                words = f"{name} would need {_tenths(speed)} m/s, expected at most {_tenths(limits.body_speed)}"
+                words = f"{name} would need {_needed(speed, limits.body_speed, 'm/s')}"
                 concerns.append(Concern("body_speed", name, float(speed), limits.body_speed, words))
             if commanded and -height > limits.floor_penetration:
                 concerns.append(self._sunk(name, -float(height)))
@@ -353,14 +354,21 @@ def support_margin(point: NDArray[np.floating], support: NDArray[np.floating] | 
     return float(((np.asarray(support) - point) @ directions).max(0).min())
 
 
-def _same(one: Keyframe, other: Keyframe) -> bool:
-    """Return whether two keyframes command the same pose."""
-    return one.commands == other.commands and np.allclose(one.qpos, other.qpos, atol=1e-6)
+def repeats(one: Keyframe, other: Keyframe) -> bool:
+    """Return whether two keyframes command the same pose, which the robot then holds from one to the other.
+
+    >>> from plat.keyframes import standing
+    >>> from plat.robots import G1
+    >>> repeats(standing(G1).at(1.0), standing(G1).at(2.0))
+    True
+    """
+    same = one.commands == other.commands or (one.whole and other.whole)
+    return same and np.allclose(one.qpos, other.qpos, atol=1e-6)
 
 
-def _tenths(value: float) -> str:
-    """Return a number with one decimal, or none: what is a little beyond a limit must not read as the limit."""
-    return f"{value:.1f}".removesuffix(".0")
+def _needed(speed: float, limit: float, unit: str) -> str:
+    """Return a speed with one decimal, or more where it would read as the limit that it is beyond, and the limit."""
+    return f"{beyond(speed, limit, digits=1).removesuffix('.0')} {unit}, expected at most {limit:g}"
 
 
 def _angle(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:

@@ -283,7 +283,8 @@ class KeyframeScorer:
             (height > edge, f"a hand, a foot or the torso {beyond(height, edge)} m too high or low"),
             (turn > far_turned, f"turned by {beyond(turn, far_turned)} rad"),
         ]
-        return tuple(words for present, words in faults if present)
+        # what no part of the keyframe says is left: the root fell by TKS, of a partial one that does not command it
+        return tuple(words for present, words in faults if present) or ("the root too low or tilted",)
 
 
 def _lost(index: int, keyframe: Keyframe) -> KeyframeScore:

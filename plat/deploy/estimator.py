@@ -44,6 +44,8 @@ class EstimatorSettings(Bounded):
     """largest squared Mahalanobis distance at which a point is believed to stand still"""
     lost: Positive = 0.5
     """doubt of the velocity when no point in contact stands still (m/s/√s)"""
+    hanging: Positive = 0.03
+    """standard deviation of the velocity of a robot that hangs, averaged over a second (m/s)"""
 
 
 class StateEstimator:
@@ -181,8 +183,7 @@ class StateEstimator:
         joint_pos, gyro, acceleration = self._checked(joint_pos, gyro, acceleration)
         joint_vel = self._numbers("joint_vel", joint_vel, len(joint_pos))
         torque = None if torque is None else self._numbers("torque", torque, len(joint_pos))
-        if not (is_finite(dt) and 0 < dt < 1):
-            raise StateError(f"state estimator: dt is {shown(dt)}, expected seconds above 0 and below 1")
+        self._check_dt(dt)
         kalman, settings = self._filter, self._settings
         mean_gyro = gyro if self._before is None else 0.5 * (gyro + self._before)
         self._before = gyro
@@ -211,6 +212,23 @@ class StateEstimator:
             kalman.level(lowest & touching, settings.floor, settings.floor_noise / dt**0.5)
         self._standing = touching
         return self._state(joint_pos, joint_vel, gyro)
+
+    def hang(self, dt: float) -> RobotState:
+        """Take it that the robot hangs, and on average does not move; return its state.
+
+        Call it after :meth:`update` while somebody holds the robot. Without a foot on the floor nothing else keeps
+        velocity and height from drifting.
+
+        Args:
+            dt: seconds that it stands for, those of the update.
+
+        Raises:
+            StateError: before :meth:`reset`, and for times that are not positive. Nothing has changed then.
+        """
+        self._check_begun("hang")
+        self._check_dt(dt)
+        self._filter.rest(self._settings.hanging / dt**0.5)
+        return self._state(*self._reading)
 
     def measure(
         self,
@@ -277,6 +295,10 @@ class StateEstimator:
             raise StateError(
                 f"state estimator: {what}() before reset(), which takes tilt and height from a robot that stands still"
             )
+
+    def _check_dt(self, dt: float) -> None:
+        if not (is_finite(dt) and 0 < dt < 1):
+            raise StateError(f"state estimator: dt is {shown(dt)}, expected seconds above 0 and below 1")
 
     def _state(self, joint_pos: _Floats, joint_vel: _Floats, gyro: _Floats) -> RobotState:
         self._reading = (joint_pos, joint_vel, gyro)

@@ -183,6 +183,17 @@ class InvariantFilter:
             row[11 + 3 * point] = 1.0
         self.correct(rows, height - self.contacts[chosen, 2], spread**2 * np.eye(len(chosen)))
 
+    def rest(self, spread: float) -> None:
+        """Correct by a velocity of zero.
+
+        Args:
+            spread: standard deviation of each component (m/s).
+        """
+        rows = np.zeros((3, self._size))
+        rows[:, _ROT] = -_cross(self.velocity)
+        rows[:, _VEL] = np.eye(3)
+        self.correct(rows, -self.velocity, spread**2 * np.eye(3))
+
     def place(self, point_b: _Floats, position: _Floats, spread: _Floats) -> None:
         """Correct by the measured place of a point that is fixed to the IMU.
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from plat.bounds import shown
 from plat.errors import BundleError
 from plat.json_file import short
 from plat.words import counted
@@ -30,7 +31,7 @@ def check_joints(where: str, ours: Sequence[str], given: Sequence[str] | Mapping
             motors, and several names for one.
 
     Raises:
-        BundleError: naming the first joint that is another, is missing, or has another place.
+        BundleError: naming the first joint that is another, is missing, or has another place or two.
     """
     if not isinstance(given, Iterable) or isinstance(given, str | bytes | set | frozenset):
         raise BundleError(f"{where}: joint_names is {short(given)}, expected names in order, or a table of motors")
@@ -39,12 +40,12 @@ def check_joints(where: str, ours: Sequence[str], given: Sequence[str] | Mapping
     if other := [name for name in given if not isinstance(name, str)]:
         raise BundleError(f"{where}: joint_names has {short(other[0])}, expected names")
     if isinstance(given, Mapping):
-        places = {plain_joint(name): place for name, place in given.items()}
         for index, name in enumerate(ours):
-            found = places.get(plain_joint(name))
-            if found is None:
-                raise BundleError(f"{where}: joint {name!r} is not in this robot's table of {len(places)} motors")
-            if found != index:
+            places = [place for other, place in given.items() if plain_joint(other) == plain_joint(name)]
+            if not places:
+                raise BundleError(f"{where}: joint {name!r} is not in this robot's table of {len(given)} motors")
+            if any(place != index for place in places):
+                found = " and ".join(map(shown, dict.fromkeys(places)))
                 raise BundleError(f"{where}: joint {name!r} is number {index} in the bundle and {found} on this robot")
         return
     for index, (expected, name) in enumerate(zip(ours, given, strict=False)):

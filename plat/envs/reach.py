@@ -109,7 +109,7 @@ def down(state: TensorDictBase, lowest: LowestRoot, robot: Robot, limits: ReachL
     """Return the mask ``[N]`` of robots that lie: a low or tilted pelvis that was not commanded to be so.
 
     On its way up from a low keyframe, and down to one, a robot may be low at any time: it is told when to be there, not
-    how. Nor has one fallen that sags by up to 5 cm (of a standing height of 0.76 m) from a low one.
+    how. A keyframe is low from 5 cm above what is too low (of a standing height of 0.76 m), for robots sag.
 
     Args:
         state: as for :func:`distances`.

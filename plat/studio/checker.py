@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from plat.control import Feasibility
-from plat.control.feasibility import support_margin
+from plat.control.feasibility import repeats, support_margin
 from plat.keyframes import Keyframe
 from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
@@ -91,10 +91,10 @@ class Checker:
         self._known: dict[tuple[bytes, Keyframe, float, bool], Verdict] = {}
 
     def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
-        """Return the verdict on each keyframe; those that are held, and the last one, must be balanced."""
-        known, verdicts = {}, []
-        for number, ((before, frame), hold) in enumerate(zip(timeline.ways, timeline.holds, strict=True), 1):
-            held = hold > 0 or number == len(timeline.keyframes)
+        """Return the verdict on each keyframe; those that are held or repeated, and the last one, must be balanced."""
+        known, verdicts, following = {}, [], (*timeline.keyframes[1:], None)
+        for (before, frame), hold, after in zip(timeline.ways, timeline.holds, following, strict=False):
+            held = hold > 0 or after is None or repeats(frame, after)
             key = before.qpos.tobytes(), frame, round(frame.time - before.time, 6), held
             verdict = self._known.get(key) or self._verdict(before, frame, held)
             known[key] = verdict

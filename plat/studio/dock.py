@@ -37,7 +37,8 @@ class Dock:
 
     def __init__(self, receive: Callable[[Message], None]):
         self._receive = receive
-        self.state: dict[str, Any] = {"notes": []}
+        # what a page that comes back from a studio before would go on showing
+        self.state: dict[str, Any] = {"notes": [], "busy": [], "question": None}
         """All that a browser is told."""
         self._waiting: dict[Any, tuple[asyncio.AbstractEventLoop, asyncio.Event, set[str]]] = {}
         self._notes = 0

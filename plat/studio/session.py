@@ -66,8 +66,8 @@ class Session:
         """The keyframes as they were when they were last saved or loaded."""
         self.opened: Path | None = None
         """The file that was opened to begin with."""
-        self._clipboard: Keyframe | None = None
-        self._grip: tuple[str, np.ndarray, dict[str, Frame]] | None = None
+        self._clipboard: tuple[Keyframe, float] | None = None  # with the seconds that it is held
+        self._grip: tuple[str, np.ndarray, dict[str, Frame], int] | None = None
         self._dragging = False
         self._refused = False
 
@@ -173,18 +173,19 @@ class Session:
         return self._clipboard is not None
 
     def copy(self) -> None:
-        """Copy the selected pose for :meth:`paste`."""
-        self._clipboard = self.timeline.pose
+        """Copy the selected pose, and how long it is held, for :meth:`paste`."""
+        self._clipboard = self.timeline.pose, self.timeline.hold
 
     def paste(self) -> None:
-        """Add a keyframe with the copied pose after the selected one.
+        """Add a keyframe with the copied pose, held as long, after the selected one.
 
         Raises:
             KeyframeError: when nothing was copied.
         """
         if self._clipboard is None:
             raise KeyframeError("nothing to paste: copy a keyframe first")
-        self.edit(self.timeline.inserted(self._clipboard))
+        pose, hold = self._clipboard
+        self.edit(self.timeline.inserted(pose, hold=hold))
 
     def _keyframes_changed(self) -> None:
         self.playback.changed()
@@ -295,17 +296,19 @@ class Session:
         self.begin_drag()
         qpos = self.timeline.pose.qpos
         frames = self.poser.frames(qpos)
-        self._grip = handle, qpos, {name: frames[name] for name in held}
+        self._grip = handle, qpos, {name: frames[name] for name in held}, self.timeline.selected
         self._refused = False
 
     def drag(self, target: Frame) -> None:
         """Move the grabbed handle to a target, or as near as it comes.
 
+        Where another pose was selected meanwhile, by a key or in another browser, it stays as it is.
+
         Raises:
             KeyframeError: as :meth:`edit`, but once in a drag, which has many targets.
         """
-        if self._grip is not None:
-            handle, rest, held = self._grip
+        if self._grip is not None and self._grip[-1] == self.timeline.selected:
+            handle, rest, held, _ = self._grip
             qpos = self.poser.dragged(
                 self.timeline.pose.qpos, handle, target, held, rest, self.limb_only or self.symmetric
             )

@@ -199,7 +199,8 @@ class Timeline:
     def inserted_at(self, time: float) -> Timeline:
         """Insert the interpolated pose at a time (s) and select it; no keyframe moves.
 
-        Within a hold or on a keyframe there is no room: then the keyframe there is selected.
+        It commands what the keyframe that it leads to does. Within a hold or on a keyframe there is no room: then the
+        keyframe there is selected.
         """
         step = self.timing.steps(time)
         if step <= 0:
@@ -212,7 +213,9 @@ class Timeline:
         here = sum(end < step for end in ends)
         frames, gaps, holds = [*self.keyframes], self._gaps(), self._hold_steps()
         before = ends[here - 1] if here else 0
-        frames.insert(here, replace(self.sample(step * self.timing.control_dt), name=None))
+        leads_to = frames[min(here, len(frames) - 1)] if frames else self.start
+        pose = replace(self.sample(step * self.timing.control_dt), name=None, commands=leads_to.commands)
+        frames.insert(here, pose)
         gaps.insert(here, step - before)
         holds.insert(here, 0)
         if here + 1 < len(gaps):

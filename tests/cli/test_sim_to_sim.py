@@ -8,7 +8,7 @@ import pytest
 
 from plat.cli import sim_to_sim
 from plat.control import Simulator
-from plat.errors import ActionError, KeyframeError, PlatError
+from plat.errors import ActionError, BundleError, KeyframeError, PlatError
 from plat.export import export_bundle
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.motions import MotionLibrary, generate_motions
@@ -65,7 +65,7 @@ def test_flags_without_effect_are_refused(tmp_path, flags, told):
 
 
 def test_a_file_of_partial_keyframes_for_a_policy_of_whole_ones_is_named_first(tmp_path, monkeypatch):
-    runner = SimpleNamespace(timing=Timing(), sees_parts=False)
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), sees_parts=False)
     monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
     KeyframeSequence(G1, standing(G1), (standing(G1).at(0.5),)).save(tmp_path / "whole.json")
     KeyframeSequence(G1, standing(G1), (only(G1, 0.5, height=0.7),)).save(tmp_path / "low.json")
@@ -73,6 +73,14 @@ def test_a_file_of_partial_keyframes_for_a_policy_of_whole_ones_is_named_first(t
     recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=files)
     with pytest.raises(KeyframeError, match=r"^keyframe file '.*low.json': the keyframe at 0.5 s commands a part of"):
         sim_to_sim.main(recipe)
+
+
+def test_a_bundle_of_another_robot_with_the_same_joints_is_refused(tmp_path, monkeypatch):
+    bent = replace(G1, name="bent", default_pose={**G1.default_pose, "left_elbow": 1.2})
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(bent, 0.02))
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
+    with pytest.raises(BundleError, match=r"^bundle '.*': drives robot 'bent', expected 'g1', that of --robot$"):
+        sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path))
 
 
 def test_the_table(tmp_path, capsys):
@@ -149,7 +157,8 @@ def test_a_sequence_that_ends_early_costs_its_own_keyframes_alone(tmp_path, monk
 
 
 def test_nothing_to_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: SimpleNamespace(timing=Timing()))
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02))
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
     with pytest.raises(KeyframeError, match="nothing to run: give --motions or --keyframes"):
         sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=()))
 

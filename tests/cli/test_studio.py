@@ -2,13 +2,16 @@ import signal
 import socket
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import plat
 from plat.cli import studio
 from plat.errors import CheckpointError, KeyframeError, MotionError, StudioError
+from plat.robots import G1
 
 PLAT = Path(__file__).parents[2] / "plat" / "weights" / "plat"
 
@@ -149,6 +152,19 @@ def test_a_run_that_is_given_twice_is_refused(tmp_path, monkeypatch):
     for other in (tmp_path / "a", Path("link")):
         with pytest.raises(StudioError, match=f"^run '{other}' is given twice, also as 'a': expected each run once$"):
             studio.check_once((Path("a"), other))
+
+
+@pytest.mark.parametrize("options", [{}, {"static": Path("page")}])
+def test_policies_of_several_robots_are_opened_apart(tmp_path, monkeypatch, options):
+    """The joints are the same, but each action of one would be a target from the other's default pose."""
+    bent = replace(G1, name="bent", default_pose={**G1.default_pose, "left_elbow": 1.2})
+    robots = {"a": G1, "b": replace(G1, name="alias"), "c": bent}
+    monkeypatch.setattr(studio, "load_policy", lambda run: SimpleNamespace(robot=robots[run.name]))
+    monkeypatch.chdir(tmp_path)
+    recipe = studio.StudioRecipe(runs=tuple(map(Path, robots)), **options)
+    with pytest.raises(StudioError, match="^run 'c' drives robot 'bent', and 'a' 'g1': open them apart$"):
+        studio.main(recipe)
+    studio.check_robots({}, {name: SimpleNamespace(robot=robots[name]) for name in "ab"})
 
 
 def test_the_run_of_the_working_directory_has_its_name(tmp_path, monkeypatch):

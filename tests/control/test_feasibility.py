@@ -54,6 +54,10 @@ def test_what_is_a_little_beyond_a_limit_does_not_read_as_the_limit(feasibility:
     turned = replace(STAND.at(0.5), root_quat=np.array([np.cos(0.8), 0, 0, np.sin(0.8)]))  # 1.6 rad
     (concern,) = feasibility(STAND, turned)
     assert str(concern) == "the turn would need 6.4 rad/s, expected at most 6"
+    (concern,) = feasibility(STAND, posed(0.1, left_knee=knee + 1.001))
+    assert str(concern) == "left_knee would need 20.02 rad/s, expected at most 20"
+    (concern,) = Feasibility(G1, FeasibilityLimits(joint_speed=6.25))(STAND, posed(0.1, left_knee=knee + 0.314))
+    assert str(concern) == "left_knee would need 6.3 rad/s, expected at most 6.25"
 
 
 def test_the_fastest_joint_comes_first(feasibility: Feasibility) -> None:

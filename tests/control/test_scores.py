@@ -272,6 +272,15 @@ def test_a_robot_that_does_not_get_up_has_not_fallen_before_it_had_to_stand():
     assert [score.outcome for score in scorer.scores()] == [REACHED, LATE_OR_OFF, FELL]
 
 
+def test_a_root_that_sinks_where_nothing_says_so_is_told():
+    """TKS counts it as fallen, and hands that are where they are to be are no other reason."""
+    sequence = KeyframeSequence(G1, POSE, (low(0.42).at(1.0), replace(low(0.12), commands=HANDS).at(2.0)))
+    scorer = put(sequence, lambda time: low(max(0.76 - 0.34 * time, 0.12)))
+    crouched, reached = scorer.scores()
+    assert crouched.words == "reached"
+    assert (reached.words, reached.success) == ("late or off: the root too low or tilted", False)
+
+
 @pytest.mark.parametrize("distance", [0.201, 0.2004])
 def test_what_is_a_little_beyond_a_limit_does_not_read_as_the_limit(distance):
     sequence = KeyframeSequence(G1, POSE, (POSE.at(0.5),))

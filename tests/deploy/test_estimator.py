@@ -255,6 +255,31 @@ def test_a_start_in_free_fall_is_refused():
         StateEstimator(ROBOT).reset(ROBOT.default_joint_pos, np.zeros(3), np.array([0.0, 0.0, 0.3]))
 
 
+def test_a_robot_that_hangs_does_not_drift_and_swings_as_it_does():
+    """No foot bears weight, and the accelerometer is off by 0.05 m/s² along each axis."""
+    noise, torque, dt = np.random.default_rng(0).standard_normal, np.zeros(29), 0.005
+    held, falling = StateEstimator(ROBOT), StateEstimator(ROBOT)
+    force = STILL["acceleration"] + 0.05
+    for estimator in (held, falling):
+        estimator.reset(ROBOT.default_joint_pos, np.zeros(3), force)
+    swung = []
+    for step in range(2000):
+        turn = 2 * np.pi * 1.0 * step * dt  # once a second
+        pull = force + [0.3 * 2 * np.pi * np.cos(turn), 0.0, 0.0] + 0.2 * noise(3)
+        reading = (ROBOT.default_joint_pos, np.zeros(29), 0.02 * noise(3), pull, dt, torque)
+        alone = falling.update(*reading)
+        held.update(*reading)
+        state = held.hang(dt)
+        swung.append([0.3 * np.sin(turn), state.root_lin_vel_b[0]])
+    assert not held.contacts.any()
+    assert abs(alone.root_pos_w[2] - ROBOT.root_height) > 0.5
+    assert abs(state.root_pos_w[2] - ROBOT.root_height) < 0.05
+    true, found = np.array(swung[1000:]).T
+    assert np.abs(found - true).max() < 0.15
+    with pytest.raises(StateError, match="dt is 0"):
+        held.hang(0.0)
+
+
 def test_settings_are_checked():
     with pytest.raises(ConfigError, match="EstimatorSettings: gate is -1"):
         EstimatorSettings(gate=-1.0)
@@ -264,6 +289,7 @@ def test_before_a_reset_nothing_is_estimated():
     estimator = StateEstimator(ROBOT)
     for what, call in {
         "update": lambda: estimator.update(ROBOT.default_joint_pos, np.zeros(29), **STILL, dt=0.02),
+        "hang": lambda: estimator.hang(0.02),
         "measure": lambda: estimator.measure(np.ones(3)),
         "anchor": lambda: estimator.anchor(standing(G1)),
     }.items():

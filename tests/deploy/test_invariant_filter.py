@@ -105,6 +105,16 @@ def test_measurements_from_outside_are_taken():
     np.testing.assert_allclose(kalman.rotation, goal, atol=1e-3)
 
 
+def test_a_filter_at_rest_has_no_velocity_and_keeps_its_place():
+    kalman = some_filter()
+    kalman.reset(kalman.rotation, kalman.position)
+    kalman.velocity = np.array([0.3, -0.2, 0.1])
+    place = kalman.position.copy()
+    kalman.rest(1e-4)
+    np.testing.assert_allclose(kalman.velocity, 0.0, atol=1e-4)
+    np.testing.assert_allclose(kalman.position, place, atol=1e-3)
+
+
 def test_another_world_changes_nothing_but_coordinates():
     """Predicting and correcting in two worlds gives the same state, and the same uncertainty of it."""
     turn, shift = quat_to_matrix(quat_from_rotvec([0, 0, 1.2])), np.array([4.0, -7.0, 0.0])

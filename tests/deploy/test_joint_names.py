@@ -33,6 +33,13 @@ def test_a_table_may_have_more_motors_and_other_names_for_one():
     check_joints("here", OURS, dict(reversed(more.items())))
 
 
+@pytest.mark.parametrize("turned", [list, lambda items: [*items][::-1]])
+def test_a_table_that_contradicts_itself_is_refused_in_any_order(turned):
+    table = {**{name: index for index, name in enumerate(OURS)}, "LeftKnee": 9}
+    with pytest.raises(BundleError, match="'left_knee' is number 3 in the bundle and (3 and 9|9 and 3) on this robot"):
+        check_joints("here", OURS, dict(turned(table.items())))
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

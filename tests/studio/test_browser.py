@@ -267,6 +267,13 @@ def test_keys_add_mirror_copy_paste_and_delete(user):
     takes.fill("0,5")
     user.key("Enter")
     user.until(lambda: session.timeline.interval == 0.5)
+    # the third level of other keyboards: AltGr in Linux, in Windows, Option
+    for held in ({}, {"ctrlKey": True, "altKey": True}, {"altKey": True}):
+        user.page.evaluate(
+            "held => document.body.dispatchEvent(new KeyboardEvent('keydown', { key: '[', bubbles: true, ...held }))",
+            held,
+        )
+    user.until(lambda: session.timeline.interval == 0.44)
     user.key("?")
     user.sees("Keys and mouse")
     user.key("Escape")
@@ -600,12 +607,18 @@ def test_a_page_whose_studio_is_started_again_comes_back(policies, browser, tmp_
         user.page.wait_for_function("document.querySelectorAll('#dock-notes .error').length === 2")
         studio._desk.ask(studio.session.add)
         user.until(lambda: studio.session.timeline.keyframes)
+        studio._page.wait("Recording plat …")
+        studio._page.ask("Replace the file?", "a.json is there already.", "Replace", lambda: None)
+        user.sees("Recording plat …")
+        user.sees("Replace the file?")
         studio.stop()
         thread.join(10)
         assert (tmp_path / AUTOSAVE).exists(), "the last edit is kept, however fresh"
         user.sees("The studio has stopped.")
         studio, thread = started()
         user.sees("Restore autosave.")
+        user.page.locator(".dock-pill.shown").wait_for(state="detached")
+        user.page.locator("dialog[open]").wait_for(state="detached")
         user.page.evaluate("lingering.splice(0).forEach((end) => end())")
         user.page.locator("#dock-notes .error").last.wait_for(state="detached")
         user.key("Delete")

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from plat.control import Feasibility
 from plat.robots import G1
 from plat.spec.parts import Parts
 from plat.studio.checker import Checker, convex_hull
@@ -53,6 +54,15 @@ def test_the_fastest_joint_and_impossible_distances_are_told():
     assert first.share == pytest.approx(first.speed / 20)
     assert not first.words
     assert "3.0 m in 1.00 s takes 6.0 m/s" in second.words
+
+
+def test_doubts_are_those_of_the_command_line_also_where_a_pose_is_repeated():
+    jumping = moved(0.0, 0.0, 0.2)
+    timeline = Timeline.empty(G1).inserted(jumping, 1.0).inserted(G1.default_qpos, 1.0)
+    for repeated in (timeline, timeline.select(1).inserted(jumping, 0.6, "again")):
+        found = [verdict.words for verdict in CHECKER.timeline(repeated)]
+        assert found == [tuple(map(str, concerns)) for concerns in Feasibility(G1).sequence(repeated.sequence())]
+    assert found == [("the feet are 20 cm above the floor",), (), ()], "it is to be there from the first to the second"
 
 
 def test_joints_that_are_not_commanded_do_not_count():

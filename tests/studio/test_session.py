@@ -132,6 +132,21 @@ def test_a_drag_to_where_no_robot_can_be_is_refused_once(session):
         np.testing.assert_allclose(session.timeline.pose.qpos[:2], [0.5, 0.0], atol=1e-9)
 
 
+def test_a_drag_leaves_a_pose_alone_that_was_selected_meanwhile(session):
+    with_squat(session)
+    session.select(1)
+    hand = session.poser.frames(session.timeline.pose.qpos)["left hand"]
+    session.grab("left hand", [])
+    session.drag(Frame(hand.pos + 0.05, hand.quat))
+    dragged, other = session.timeline.keyframes
+    session.select(2)
+    session.drag(Frame(hand.pos + 0.1, hand.quat))
+    session.release()
+    assert session.timeline.keyframes == (dragged, other)
+    session.undo()
+    np.testing.assert_array_equal(session.timeline.keyframes[0].qpos, squat())
+
+
 def test_copies_are_pasted_after_the_selected_pose(session):
     with_squat(session)
     session.select(1)
@@ -383,10 +398,12 @@ def test_a_pose_that_no_file_may_hold_is_refused(session, axis, value):
 def test_cut_keyframes_can_be_pasted(session):
     with_squat(session)
     session.select(1)
+    session.edit(session.timeline.held(0.4))
     session.cut()
     assert len(session.timeline.keyframes) == 1
     session.paste()
     np.testing.assert_array_equal(session.timeline.pose.qpos, squat())
+    assert session.timeline.hold == pytest.approx(0.4), "it is the keyframe, not its pose alone"
 
 
 def test_symmetric_posing_moves_both_sides(session):

@@ -672,6 +672,15 @@ def test_a_drag_to_where_no_robot_can_be_is_refused_once(visitor):
 
 
 @pytest.mark.slow
+def test_a_keyframe_that_is_cut_and_pasted_keeps_its_hold(visitor):
+    visitor.begin("bow")
+    for do in ("cut", "last", "paste"):
+        visitor.page.evaluate("what => window.platStudio.receive({ do: what })", do)
+    assert visitor.get("timeline.labels") == ["start", "1 rise", "2 bow"]
+    assert visitor.get("timeline.holds") == [0, 0.6]
+
+
+@pytest.mark.slow
 def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
     visitor.begin("bow")  # at 0.8 s, held until 1.4 s, and at 2.2 s
     for time, times, selected in (
@@ -684,6 +693,10 @@ def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
         assert (found, visitor.get("timeline.selected")) == (pytest.approx(times), selected)
     assert visitor.get("past.length") == 2
     assert visitor.get("timeline.labels") == ["start", "1", "2 bow", "3 rise", "4"]
+    visitor.page.evaluate("window.platStudio.receive({ do: 'select', number: 3 }); window.platStudio.pin('left hand')")
+    for time, bodies in ((1.8, ["left_wrist_yaw_link"]), (0.2, None)):  # of what the next one commands
+        visitor.page.evaluate("time => window.platStudio.receive({ do: 'add', time })", time)
+        assert visitor.get("timeline.pose.commands?.bodies ?? null") == bodies
     for name, kept in (("up (hold)", "up"), ("(hold)", None), (" on ", "on")):
         assert visitor.get(f"timeline.renamed({name!r}).pose.name") == kept, (
             "as in Python: only ends of holds are so named"
@@ -766,7 +779,7 @@ def test_a_keyframe_is_copied_after_its_name_was_marked_and_left(visitor):
     page.keyboard.press("Control+a")
     page.keyboard.press("Enter")
     page.keyboard.press("Control+c")
-    visitor.until("studio.clipboard?.name === 'bow'")
+    visitor.until("studio.clipboard?.pose.name === 'bow'")
 
 
 @pytest.mark.slow
@@ -799,7 +812,7 @@ def test_pins_change_nothing_else_and_choices_are_exact(visitor):
 @pytest.mark.slow
 def test_doubts_are_pythons(visitor):
     feasibility, stand, joints = Feasibility(G1), standing(G1), G1.joint_names
-    names = ("far", "folded", "sunk", "buried", "floating", "tipping", "turned", "high")
+    names = ("far", "folded", "sunk", "buried", "floating", "tipping", "turned", "turning", "high")
     poses = {name: G1.default_qpos.copy() for name in names}
     poses["far"][0] += 3
     poses["folded"][7 + joints.index("left_shoulder_roll")] = -1.2
@@ -809,6 +822,7 @@ def test_doubts_are_pythons(visitor):
     poses["tipping"][7 + joints.index("waist_pitch")] = 0.5
     poses["tipping"][[7 + joints.index(f"{side}_hip_pitch") for side in ("left", "right")]] = -1.5
     poses["turned"][3:7] = [0.0, 0.0, 0.0, 1.0]
+    poses["turning"][3:7] = [np.cos(0.751), 0.0, 0.0, np.sin(0.751)]  # 6.008 rad/s, of 6
     poses["buried"][2] = -0.2
     poses |= {"above": ABOVE.qpos, "below": BELOW.qpos}
     circle = KeyframeSequence.load(Path(__file__).parents[2] / "recipes" / "examples" / "hands.json", G1).keyframes
@@ -840,7 +854,30 @@ def test_doubts_are_pythons(visitor):
     assert sum("straight way" in words for words in said) == 2
     assert "root is 20 cm inside the floor" in said
     assert said.count("3.0 m up in 0.50 s takes 12.0 m/s") == 2
+    assert "the turn would need 6.01 rad/s, expected at most 6" in said
     assert sum("higher than a jump" in words for words in said) == 2
+
+
+@pytest.mark.slow
+def test_a_repeated_pose_is_doubted_as_one_that_is_held_as_in_python(visitor):
+    high = standing(G1).qpos + 0.2 * np.eye(36)[2]
+    hands = preset("hands", G1)
+    poses = [(high, None), (high, None), (high, hands), (high, hands), (high + 1e-3, hands), (high, None)]
+    frames = tuple(
+        replace(Keyframe.from_qpos(1.0 + at, qpos), commands=parts) for at, (qpos, parts) in enumerate(poses)
+    )
+    timeline = Timeline(G1, standing(G1), frames)
+    found = visitor.page.evaluate(
+        "async (frames) => { const { Timeline, standing } = await import('./keyframes.mjs'), it = window.platStudio;"
+        "it.edit(new Timeline(it.site, standing(it.site), frames, frames.map(() => 0), 1));"
+        "return it.verdicts().map(({ words }) => words); }",
+        [
+            {"time": frame.time, "name": None, "qpos": qpos.tolist(), "commands": parts and parts.names(G1)}
+            for frame, (qpos, parts) in zip(frames, poses, strict=True)
+        ],
+    )
+    assert found == [list(verdict.words) for verdict in Checker(G1).timeline(timeline)]
+    assert [bool(words) for words in found] == [True, False, False, False, False, True]
 
 
 @pytest.mark.slow
@@ -992,6 +1029,32 @@ def test_who_is_down_is_down_as_in_python(visitor):
     assert found == expected
     assert any(expected)
     assert not all(expected)
+
+
+@pytest.mark.slow
+def test_a_drag_leaves_a_pose_alone_that_was_selected_meanwhile(visitor):
+    visitor.begin("bow")
+    same = visitor.page.evaluate(
+        "() => { const it = window.platStudio, [, other] = it.timeline.keyframes;"
+        "it.grab(); it.receive({ do: 'next' });"
+        "const { pos, quat } = it.robot.frames(it.timeline.pose.qpos)[it.handle];"
+        "it.drag({ pos: pos.map((value) => value + 0.05), quat }); it.grip = null;"
+        "return [it.timeline.selected, it.timeline.keyframes[1] === other]; }"
+    )
+    assert same == [2, True]
+
+
+@pytest.mark.slow
+def test_a_root_that_sinks_where_nothing_says_so_is_told_as_in_python(visitor):
+    visitor.begin("bow")
+    words = visitor.page.evaluate(
+        "async () => { const { Chase } = await import('./chase.mjs'), it = window.platStudio, { timeline } = it;"
+        "const chase = new Chase(it.robot, it.policies[it.policy], timeline.start, timeline.sequence(150));"
+        "const near = { root: 0, joint: 0, bodies: 0, turn: 0, height: 0, near: true, down: false, keypoint: null };"
+        "chase.scorer.steps[0] = [{ ...near, offPose: true, fallen: true, inWindow: true, arrival: true }];"
+        "const [{ words }] = chase.scorer.scores(); chase.end(); return words; }"
+    )
+    assert words == "late or off: the root too low or tilted"
 
 
 @pytest.mark.slow

@@ -111,6 +111,15 @@ def test_a_keyframe_is_inserted_where_the_cursor_is():
     assert timeline.inserted_at(0.0).selected == 0
 
 
+def test_a_keyframe_that_is_inserted_commands_what_the_one_after_it_does():
+    """Else the playhead between two keyframes of the hands alone would add one of the whole body."""
+    timeline = three().commanding(preset("hands", G1)).select(2).commanding(preset("place", G1))
+    assert timeline.inserted_at(1.3).pose.commands == preset("hands", G1)
+    assert timeline.inserted_at(0.7).pose.commands == preset("place", G1)
+    assert timeline.inserted_at(0.2).pose.whole
+    assert Timeline.empty(G1).inserted_at(0.4).pose.whole
+
+
 def test_removing_closes_the_gap():
     timeline = three().select(2).removed()
     assert heights(timeline) == [0.1, 0.3]

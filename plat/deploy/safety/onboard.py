@@ -185,6 +185,8 @@ class OnboardController:
         else:
             dt = min(now - self._time, _LONGEST_GAP)
             self._state = self._estimator.update(*sensed, dt, reading.torque)
+            if self._safe.mode in ("wait", "ramp") and not self._estimator.contacts.any():
+                self._state = self._estimator.hang(dt)  # nothing balances yet: it would fall if nobody held it
             self._time, self._fresh = now, True
         if reading.temperature is not None:
             self._hot = np.asarray(reading.temperature, dtype=np.float64)
@@ -196,9 +198,10 @@ class OnboardController:
         numbers = {"": b""}
         for field in fields(OnboardReading):
             name = field.name
-            if name == "temperature" or (values := getattr(reading, name)) is None:
+            values = getattr(reading, name)
+            if name == "temperature" or (name == "torque" and values is None):
                 continue
-            values = np.asarray(values, dtype=np.float64)
+            values = np.asarray(values, dtype=np.float64)  # None is a number without axes
             if values.shape != (sizes[name],) or not np.isfinite(values).all():
                 raise StateError(f"{name}: expected {sizes[name]} finite numbers")
             if name in most and (largest := float(np.abs(values).max())) > most[name]:

@@ -125,6 +125,7 @@ class SafeRunner:
         self._watch.reset()
         self._commands = EndOfSequence(self._source, self._robot, self._policy.timing.max_steps, self._settings)
         self._now: float | None = None
+        self._timeless = 0  # steps in a row
         self._began = 0.0
         self._ramp: Ramp | None = None
 
@@ -164,8 +165,8 @@ class SafeRunner:
 
     def _step(self, now: float, state: RobotState | None, stamp: float | None) -> JointCommand:
         if not is_finite(now):
-            self.journal.note(0.0 if self._now is None else self._now, "clock", f"time is {shown(now)}")
-            return self._held()
+            return self._without_time(now)
+        self._timeless = 0
         dt = self._robot.control_dt if self._now is None else min(max(now - self._now, 0.0), self._robot.control_dt)
         self._now = now
         fault = self._watch.check(now, state, stamp)
@@ -191,6 +192,16 @@ class SafeRunner:
         for piece, reason in reasons.items():
             self.journal.note(now, piece, reason)
         return JointCommand(target, self._robot.stiffness, self._robot.damping)
+
+    def _without_time(self, now: object) -> JointCommand:
+        """Hold the last targets; damp where that goes on, for no watchdog and no stop sees anything meanwhile."""
+        last, told = 0.0 if self._now is None else self._now, f"time is {shown(now)}"
+        self.journal.note(last, "clock", told)
+        self._timeless += 1
+        too_long = self._timeless * self._robot.control_dt > self._settings.missing
+        if too_long and self.mode not in ("wait", "damping"):
+            return self._damp(last, "clock", f"{told}, {self._timeless} steps in a row")
+        return self._held()
 
     def _begin(self, now: float) -> None:
         good = self._watch.good

@@ -47,6 +47,7 @@ class PosePanel:
         self._joint: int | None = None
         self._arrows = False
         self._grabbed: tuple[Frame, float] | None = None
+        self._ringed = 0  # number of the pose whose joint is turned
         self._template = gui.add_dropdown("Begin with", tuple(TEMPLATES), hint="Keyframes after the selected one.")
         page.buttons("", {"Add template": lambda: session.insert_template(self._template.value)})
         self._handle = gui.add_dropdown(
@@ -244,12 +245,13 @@ class PosePanel:
     def _grab_joint(self) -> None:
         if self._joint is not None:
             self._page.session.begin_drag()
-            pose = self._page.session.timeline.pose
-            self._grabbed = self._ring_frame(pose.qpos), float(pose.joint_pos[self._joint])
-            self._dragging = True
+            timeline = self._page.session.timeline
+            self._grabbed = self._ring_frame(timeline.pose.qpos), float(timeline.pose.joint_pos[self._joint])
+            self._ringed, self._dragging = timeline.selected, True
 
     def _turn_joint(self, quat: np.ndarray) -> None:
-        if self._joint is not None and self._grabbed is not None:
+        meant = self._ringed == self._page.session.timeline.selected  # else another pose was selected meanwhile
+        if meant and self._joint is not None and self._grabbed is not None:
             frame, angle = self._grabbed
             conjugate = frame.quat * [1.0, -1.0, -1.0, -1.0]
             turn = _multiplied(conjugate, quat)

@@ -307,11 +307,12 @@
   }
 
   function key(event) {
-    const control = event.ctrlKey || event.metaKey;
+    // brackets need AltGr or Option on many keyboards, and AltGr counts as Ctrl and Alt where Windows runs
+    const third = event.altKey && ["[", "]"].includes(event.key), control = !third && (event.ctrlKey || event.metaKey);
     if (event.key === "Tab") tabbed = true;
     if (document.querySelector("dialog[open]") && !(event.key === "?" && at.sheet.open)) return;
     if (typing(event.target) && !(control && event.key === "s")) return;
-    if (event.altKey || operating(event)) return;
+    if ((event.altKey && !third) || operating(event)) return;
     let what = control ? CONTROL[event.key] || CONTROL[event.key.toLowerCase()] : KEYS[event.key] || KEYS[event.key.toLowerCase()];
     if (control && event.shiftKey && event.key.toLowerCase() === "z") what = ["redo"];
     const marked = getSelection(); // it is collapsed where it is in a box that was left

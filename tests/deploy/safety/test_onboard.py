@@ -125,6 +125,33 @@ def test_a_stop_after_a_reset_within_one_step_is_sent():
     assert bench.commands[-1][0] > 0.45
 
 
+@pytest.mark.parametrize("field", ["joint_pos", "joint_vel", "gyro", "acceleration"])
+def test_a_sensor_that_is_missing_once_does_not_keep_it_from_settling(field):
+    bench = Bench().run(0.05)
+    bench.step(bench.reading(**{field: None}))
+    bench.run(0.2)
+    assert bench.controller.mode == "ramp"
+    assert [entry.reason.partition(":")[0] for entry in bench.controller.journal] == [field]
+
+
+@pytest.mark.parametrize("mode", ["ramp", "run"])
+def test_a_robot_that_hangs_until_it_runs_does_not_drift_away(mode):
+    """Its feet bear no weight, and its accelerometer is off."""
+    settings = replace(QUICK, ramp=6.0 if mode == "ramp" else 0.2)
+    bench = Bench(settings)
+    while bench.now < 6.0:
+        reading = bench.reading(torque=np.zeros(29))
+        bench.step(replace(reading, acceleration=reading.acceleration + 0.05))
+    assert bench.controller.mode == mode
+    state = bench.controller.state
+    drift = abs(state.root_pos_w[2] - ROBOT.root_height)
+    if mode == "ramp":
+        assert drift < 0.03
+        assert np.abs(state.root_lin_vel_b).max() < 0.05
+    else:
+        assert drift > 0.1, "then it may move"
+
+
 def test_a_robot_that_moves_has_to_come_to_rest():
     bench = Bench()
     while bench.now < 0.5:
@@ -217,6 +244,14 @@ def test_a_clock_that_goes_back_for_good_brakes():
     bench.now = -100.0
     bench.run(2.0)
     assert bench.controller.mode == "damping"
+
+
+def test_a_clock_that_breaks_for_good_brakes():
+    bench = Bench().run(0.6)
+    bench.now = np.nan
+    bench.run(0.3)
+    assert bench.controller.mode == "damping"
+    assert not bench.commands[-1][1].stiffness.any()
 
 
 def test_temperatures_reach_the_stops():

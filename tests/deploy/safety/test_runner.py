@@ -185,6 +185,22 @@ def test_an_emergency_stop_and_a_broken_clock():
     assert [entry.piece for entry in robot.runner.journal] == ["clock", "stop"]
 
 
+def test_a_clock_that_stays_broken_ends_it():
+    robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
+    robot.run(20)
+    for _ in range(3):  # a time in between begins the count anew
+        for _ in range(10):
+            command = robot.runner.step(np.nan, good_state())
+            assert command.stiffness.all()
+        robot.run(1)
+    fallen = good_state()  # what a stop would see
+    fallen.root_quat_w = quat_from_rotvec([1.5, 0.0, 0.0])
+    commands = [robot.runner.step(np.nan, fallen) for _ in range(11)]
+    assert [bool(command.stiffness.any()) for command in commands] == [True] * 10 + [False]
+    assert robot.runner.mode == "damping"
+    assert list(robot.runner.journal)[-1].reason == "time is nan, 11 steps in a row: damping mode"
+
+
 class Interruption:
     """A call in the middle of a step, as by a signal: before the n-th line that the runner's file executes."""
 

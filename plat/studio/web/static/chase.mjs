@@ -4,8 +4,7 @@ import { asArrived, between, following, mask, nearestStep, withCommandedRoot } f
 import { angle } from "./rotations.mjs";
 
 /* A number that is beyond a limit, with as many digits as show it. */
-const beyond = (value, limit) => {
-  let digits = 2;
+export const beyond = (value, limit, digits = 2) => {
   while (Number(value.toFixed(digits)) <= limit && limit < value) digits += 1;
   return value.toFixed(digits);
 };
@@ -164,6 +163,8 @@ class Scorer {
         arrival.joint > limits.joints && `joints ${beyond(arrival.joint, limits.joints)} rad off`, arrival.bodies > limits.bodies && `a commanded body ${beyond(arrival.bodies, limits.bodies)} m off`,
         height > edge && `a hand, a foot or the torso ${beyond(height, edge)} m too high or low`, turn > farTurned && `turned by ${beyond(turn, farTurned)} rad`,
       ].filter(Boolean);
+      // what no part of the keyframe says is left: the root fell by TKS, of a partial one that does not command it
+      if (!fell && !reached && !faults.length) faults.push("the root too low or tilted");
       const afterwards = index === this.frames.length - 1 && this.fell !== null && !arrival.down;
       const outcome = fell ? "fell" : reached ? "reached" : "late or off";
       return {

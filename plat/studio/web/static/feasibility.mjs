@@ -1,11 +1,12 @@
 /* What the robot cannot do, in words. The same rules as plat.control.Feasibility, by which they are tested. */
+import { beyond } from "./chase.mjs";
 import { mask } from "./keyframes.mjs";
 import { margin } from "./robot.mjs";
 import { angle } from "./rotations.mjs";
 
 export const WAY = "on the straight way there";
 const cm = (meters) => (100 * meters).toFixed(0);
-const tenths = (value) => value.toFixed(1).replace(/\.0$/, "");
+const tenths = (value, limit) => beyond(value, limit, 1).replace(/\.0$/, "");
 const apart = (a, b) => Math.hypot(...a.map((value, axis) => value - b[axis]));
 
 /* What is doubtful about a keyframe that is `seconds` after another one, and the fastest of the joints that it commands. */
@@ -15,7 +16,7 @@ export function verdict(robot, before, after, seconds, held) {
   const speeds = joints.map((_, joint) => (2 * flags[joint] * Math.abs(after.qpos[7 + joint] - before.qpos[7 + joint])) / seconds);
   const order = joints.map((_, joint) => joint).sort((a, b) => speeds[b] - speeds[a]);
   const worst = speeds.indexOf(Math.max(...speeds)), words = [];
-  for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${tenths(speeds[joint])} rad/s, expected at most ${tenths(limits.joint_speed)}`);
+  for (const joint of order) if (speeds[joint] > limits.joint_speed) words.push(`${joints[joint]} would need ${tenths(speeds[joint], limits.joint_speed)} rad/s, expected at most ${limits.joint_speed}`);
   words.push(...way(before.qpos, after.qpos, seconds, flags.slice(-3), limits));
   words.push(...links(robot, before.qpos, after.qpos, parts));
   words.push(...(parts ? bodies(robot, before, after, seconds, flags) : pose(robot, after.qpos, held)));
@@ -29,7 +30,7 @@ function way(before, after, seconds, [horizontal, height, orientation], limits) 
   if (push > limits.root_acceleration) words.push(`${takes} ${push.toFixed(0)} m/s^2, more than feet can push`);
   const rise = height * (after[2] - before[2]), vertical = (2 * Math.abs(rise)) / seconds;
   if (vertical > limits.vertical_speed) words.push(`${Math.abs(rise).toFixed(1)} m ${rise > 0 ? "up" : "down"} in ${seconds.toFixed(2)} s takes ${vertical.toFixed(1)} m/s`);
-  if (turn > limits.turn_speed) words.push(`the turn would need ${tenths(turn)} rad/s, expected at most ${tenths(limits.turn_speed)}`);
+  if (turn > limits.turn_speed) words.push(`the turn would need ${tenths(turn, limits.turn_speed)} rad/s, expected at most ${limits.turn_speed}`);
   return words;
 }
 
@@ -59,7 +60,7 @@ function bodies(robot, before, after, seconds, flags) {
     if (!flags[joints.length + body]) return [];
     const speed = (2 * apart(to[body].pos, from[body].pos)) / seconds;
     return [
-      ...(speed > limits.body_speed ? [`${name} would need ${tenths(speed)} m/s, expected at most ${tenths(limits.body_speed)}`] : []),
+      ...(speed > limits.body_speed ? [`${name} would need ${tenths(speed, limits.body_speed)} m/s, expected at most ${limits.body_speed}`] : []),
       ...under(name, to[body].pos[2]),
     ];
   });

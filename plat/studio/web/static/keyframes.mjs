@@ -349,7 +349,8 @@ export class Timeline {
     if (within >= 0) return this.select(within + 1);
     const here = ends.filter((end) => end < step).length, gap = step - (here ? ends[here - 1] : 0);
     const frames = [...this.keyframes], gaps = this.gaps();
-    frames.splice(here, 0, { ...this.sample(step * this.site.control_dt), name: null });
+    const { commands = null } = frames[Math.min(here, frames.length - 1)] ?? this.start; // of the one that it leads to
+    frames.splice(here, 0, { ...this.sample(step * this.site.control_dt), name: null, commands });
     gaps.splice(here, 0, gap);
     kept.splice(here, 0, 0);
     if (here + 1 < gaps.length) gaps[here + 1] -= gap;

@@ -90,8 +90,8 @@ class Studio {
     window.addEventListener("pagehide", () => this.keep());
     this.scene = new Scene(document.querySelector("#root .view"), robot, {
       grab: () => this.grab(), drag: (target) => this.drag(target), release: () => { this.grip = this.turned = this.gesture = null; this.show(); },
-      grabJoint: () => { this.gesture = null; this.turned = { quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
-      turnJoint: (quat) => this.guarded(() => { const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
+      grabJoint: () => { this.gesture = null; this.turned = { selected: this.timeline.selected, quat: this.robot.jointFrame(this.jointNumber, this.timeline.pose.qpos).quat, angle: this.timeline.pose.qpos[7 + this.jointNumber] }; },
+      turnJoint: (quat) => this.guarded(() => { if (this.turned.selected !== this.timeline.selected) return; const [w, , , z] = multiply(conjugate(this.turned.quat), quat); this.setJoint(this.turned.angle + wrapped(2 * Math.atan2(z, w))); }),
       choose: (name) => this.guarded(() => { this.handle = name; this.scene.ringed = false; this.show(); }),
       clickBody: (body) => this.guarded(() => this.clickBody(body)),
     });
@@ -134,8 +134,8 @@ class Studio {
       nudge: ({ value }) => { const { selected, pose } = now(); if (selected) edit(now().retimed(selected, (now().steps(pose.time) + value) * this.site.control_dt), "nudge"); },
       hold: ({ value }) => edit(now().held(value), "hold"), interval: ({ value }) => edit(now().stretched(value)), rename: ({ value }) => edit(now().renamed([...String(value)].slice(0, 60).join(""))),
       drag: () => this.press(), end: () => this.letGo(), add: ({ time }) => (time === undefined ? this.add() : this.addAt(time)),
-      copy: () => { this.clipboard = now().pose; }, cut: () => { const left = now().removed(); this.clipboard = now().pose; edit(left); },
-      paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard)); },
+      copy: () => this.copy(), cut: () => { const left = now().removed(); this.copy(); edit(left); },
+      paste: () => { if (!this.clipboard) throw new Error("nothing to paste: copy a keyframe first"); edit(now().inserted(this.clipboard.pose, NEW_INTERVAL, this.clipboard.hold)); },
       mirror: () => { const { pose } = now(); edit(now().withPose({ ...pose, qpos: this.robot.mirrored(pose.qpos), commands: this.robot.mirroredCommands(pose.commands) })); },
       stand: () => edit(now().posed(this.robot.standing(now().pose.qpos))),
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
@@ -167,6 +167,8 @@ class Studio {
     if (!qpos) throw new Error(`keyframe at ${after.time} s${after.name ? ` ('${after.name}')` : ""}: no way around was found, and ${blocked}: change one of the poses`);
     this.edit(this.timeline.parted(qpos));
   }
+
+  copy() { const { pose, hold } = this.timeline; this.clipboard = { pose, hold }; }
 
   press() { this.pressed = true; this.gesture = null; }
 
@@ -273,12 +275,12 @@ class Studio {
     const qpos = this.timeline.pose.qpos, frames = this.robot.frames(qpos);
     const parts = { feet: ["left foot", "right foot"], pelvis: ["pelvis"], chest: /(hand|elbow)$/.test(this.handle) ? ["chest"] : [], hands: ["left hand", "right hand"] };
     const held = Object.entries(parts).flatMap(([part, names]) => (this.at[`hold ${part}`].checked ? names : []));
-    this.grip = { rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
+    this.grip = { selected: this.timeline.selected, rest: qpos, held: Object.fromEntries(held.map((name) => [name, frames[name]])) };
   }
 
   drag(target) {
     const { grip } = this;
-    if (!grip) return;
+    if (!grip || grip.selected !== this.timeline.selected) return; // a key has selected another pose meanwhile
     this.guarded(() => {
       const { qpos } = this.timeline.pose, symmetric = this.at.symmetric.checked;
       let posed = this.robot.dragged(qpos, this.handle, target, grip.held, grip.rest, this.at.limb.checked || symmetric);
@@ -341,11 +343,12 @@ class Studio {
     return new Set(Object.values(bodies).filter((body) => !kept.has(body)));
   }
 
-  /* What is doubtful about each keyframe, and its fastest joint; those that are held, and the last one, must be balanced. */
+  /* What is doubtful about each keyframe, and its fastest joint; those that are held or repeated, and the last one, must be balanced. */
   verdicts() {
-    const { keyframes, holds, ways } = this.timeline, known = new Map();
+    const { keyframes, holds, ways } = this.timeline, known = new Map(), parts = (frame) => String(mask(frame, this.site));
+    const repeats = (frame, after) => parts(frame) === parts(after) && after.qpos.every((value, at) => Math.abs(value - frame.qpos[at]) <= 1e-6 + 1e-5 * Math.abs(value));
     const result = ways.map(([before, frame], index) => {
-      const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, held = holds[index] > 0 || index === keyframes.length - 1;
+      const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, after = keyframes[index + 1], held = holds[index] > 0 || !after || repeats(frame, after);
       const from = String(before.qpos), kept = this.known.get(frame), same = kept && kept.from === from && kept.seconds === seconds && kept.held === held;
       const one = same ? kept : { from, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
       known.set(frame, one);
