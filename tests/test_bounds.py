@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plat.bounds import Ascending, Bounded, Count, Fraction, Layers, NotEmpty, Positive, Range, Seed, Within
-from plat.envs.parts import draw_parts
+from plat.envs.part_masks import draw_parts
 from plat.errors import ConfigError, RobotError
 from plat.evaluation.study import StudyPlan
 from plat.keyframes import KeyframeSequence, standing

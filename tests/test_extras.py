@@ -69,9 +69,9 @@ USES = {
 WITH_ANOTHER = {"PIL": "imageio", "filelock": "torch", "glfw": "mujoco", "websockets": "viser"}
 """Packages that come with another one, without which they are not imported."""
 IMPORTED_AT_ONCE = {
-    "mink": "plat.motions.retargeting.solver",
-    "daqp": "plat.motions.retargeting.solver",
-    "scipy": "plat.motions.retargeting.feet",
+    "mink": "plat.motions.retargeting.inverse_kinematics",
+    "daqp": "plat.motions.retargeting.inverse_kinematics",
+    "scipy": "plat.motions.retargeting.planted_feet",
     "stable_baselines3": "plat.envs.sb3",
 }
 """Modules, beside those of the studio, that cannot be imported without a package."""

@@ -22,7 +22,7 @@ from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import holds_keyframes, keyframe_json, keyframes_of, write_keyframes
 from plat.keyframes.keyframe import check_whole
 from plat.keyframes.kimodo import constraints_of, write_constraints
-from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
+from plat.keyframes.mjcf_keys import read_mjcf_keys, write_mjcf_keys
 from plat.motions import MotionClip, load_motions
 from plat.motions.generation import PREFIX, generate_named
 from plat.robots import Robot, get_robot

@@ -54,7 +54,7 @@ HorizonName = Literal["single", "short", "medium", "long", "mixed", "distant", "
 PartKind: TypeAlias = Literal[
     "hands", "hands_and_head", "hands_and_feet", "root", "upper_body", "legs", "bodies", "joints"
 ]
-"""Kind of partial keyframes, see :data:`plat.envs.parts.PART_KINDS`."""
+"""Kind of partial keyframes, see :data:`plat.envs.part_masks.PART_KINDS`."""
 
 
 @dataclass(kw_only=True)

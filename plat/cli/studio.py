@@ -127,7 +127,7 @@ def check_robots(runs: Mapping[str, Path], policies: Mapping[str, Policy]) -> No
 
 def _write_static(recipe: StudioRecipe, runs: dict[str, Path], policies: dict[str, Policy], robot: Robot) -> None:
     from plat.modules import Expert
-    from plat.studio.playback import common_timing
+    from plat.studio.policy_playback import common_timing
     from plat.studio.static import write_static
 
     assert recipe.static is not None

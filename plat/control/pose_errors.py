@@ -14,8 +14,8 @@ from plat.bounds import check_robot, check_value
 from plat.deploy import RobotState
 from plat.envs.reach import LowestRoot, distances, down
 from plat.envs.settings import ReachLimits
-from plat.envs.transforms.metrics import commanded_joints_and_bodies
 from plat.envs.transforms.terminations import fallen, off_pose
+from plat.envs.transforms.tracking_errors import commanded_joints_and_bodies
 from plat.keyframes import Keyframe, standing
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot

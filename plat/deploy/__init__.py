@@ -1,7 +1,7 @@
 """Running an exported policy on a robot or in another simulator. Needs numpy, and onnxruntime for the network."""
 
 from plat.deploy.bundle import Bundle, BundleScore, PolicyFacts, TrainingFacts
-from plat.deploy.contacts import ContactDetector, ContactSettings
+from plat.deploy.contact_detection import ContactDetector, ContactSettings
 from plat.deploy.description import Body, Foot, RobotDescription
 from plat.deploy.estimator import EstimatorSettings, StateEstimator
 from plat.deploy.invariant_filter import FilterNoise, InvariantFilter

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.bounds import Bounded, Positive, check_value, is_finite, shown
-from plat.deploy.contacts import ContactDetector, ContactSettings
+from plat.deploy.contact_detection import ContactDetector, ContactSettings
 from plat.deploy.description import RobotDescription, check_description
 from plat.deploy.invariant_filter import FilterNoise, InvariantFilter
 from plat.deploy.soles import SoleKinematics

@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from plat.envs.transforms.command import CommandSchedule
-from plat.envs.transforms.metrics import beside_root, commanded_joints_and_bodies
+from plat.envs.transforms.tracking_errors import beside_root, commanded_joints_and_bodies
 from plat.errors import RecordsError
 from plat.files import replace_file
 from plat.json_file import parse_json

@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from plat.bounds import check_value
 from plat.entries import check_policy
-from plat.envs.parts import draw_parts
+from plat.envs.part_masks import draw_parts
 from plat.envs.transforms import NEXT_FRAME, CommandSchedule, Horizon
 from plat.envs.transforms.command import check_timing
 from plat.errors import MotionError, TaskError

@@ -33,8 +33,8 @@ class EvaluationSetting(Bounded):
             motion and stays to its end. Pushes and noise are at its frames. All are the same for every policy.
         disturbance: of fixed strength, for robustness curves; None for none.
         limits: when a command has failed.
-        partial: kind of partial keyframes that all commands are, one of :data:`plat.envs.parts.PART_KINDS`; None for
-            whole ones.
+        partial: kind of partial keyframes that all commands are, one of :data:`plat.envs.part_masks.PART_KINDS`; None
+            for whole ones.
         timing: of the policy; None for the one that it carries, or the default at the control step of the motions.
         decimation: physics steps in a control step.
         feet: contact geometry of the soles.

@@ -14,11 +14,11 @@ from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_jso
 from plat.deploy.onnx_session import open_session
 from plat.deploy.runner import BUNDLE_FILE, NETWORK_FILE
 from plat.errors import BundleError, RenderingError
+from plat.export.bundle_scene import scene_xml
 from plat.export.card import model_card
 from plat.export.facts import describe_policy
 from plat.export.network import JointTargetNetwork
 from plat.export.onnx_file import onnx_model
-from plat.export.scene import scene_xml
 from plat.files import as_path, check_folder
 from plat.keyframes import Keyframe
 from plat.modules import Expert, ObservationNormalizer

@@ -6,7 +6,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.figures.pyplot import pyplot, write_figure
-from plat.motions.retargeting.axes import AXES, check_sides, find_up
+from plat.motions.retargeting.capture_axes import AXES, check_sides, find_up
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SkeletonMap
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from plat.modules.dynamics import DynamicsModel
     from plat.modules.goal_encoder import GoalSequenceEncoder
     from plat.modules.heads import GaussianNoise, ReferenceOffset, gaussian_action
+    from plat.modules.keyframe_reach import KeyframeReach
     from plat.modules.latent import GaussianLatent, LatentPosterior, LatentPrior, sample_latent
     from plat.modules.lead import GoalLead, KeyframeLead
     from plat.modules.networks import mlp
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
         ResidualLatentPolicy,
         Teacher,
     )
-    from plat.modules.reach import KeyframeReach
     from plat.modules.residual import Residual
     from plat.modules.settings import (
         DynamicsConfig,

@@ -18,8 +18,8 @@ from plat.rendering import Stage, check_video, film, write_video
 from plat.robots.robot import Robot
 from plat.studio.history import History
 from plat.studio.pins import mirrored_parts, toggled
-from plat.studio.playback import PolicyPlayback
 from plat.studio.player import chased
+from plat.studio.policy_playback import PolicyPlayback
 from plat.studio.poser import Frame, Poser
 from plat.studio.poses import Floor, mirrored, placed, symmetric
 from plat.studio.templates import template

@@ -17,7 +17,7 @@ from plat.envs.reach import SAG
 from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
 from plat.export import export_bundle
-from plat.export.scene import scene_xml
+from plat.export.bundle_scene import scene_xml
 from plat.files import check_folder
 from plat.keyframes.chain_families import INSIDE
 from plat.motions.retargeting.geometry import RobotGeometry
@@ -30,7 +30,7 @@ from plat.spec.parts import Parts
 from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 from plat.studio.pins import PRESETS, pin_bodies, preset
-from plat.studio.playback import nobody
+from plat.studio.policy_playback import nobody
 from plat.studio.poser import BALLS, HANDLES, WHOLE, Poser
 from plat.studio.templates import TEMPLATES
 from plat.tasks.ways_around import FURTHER, MOVES

@@ -46,7 +46,7 @@ class KeyframeChains:
         duration: control steps ``[C]`` of each chain with the hold after it.
         family: name of each of the C chains.
         moves: whether each of the C chains leads away from where it begins.
-        commands: kind of the masks of each of the C chains (:data:`plat.envs.parts.PART_KINDS`); empty for any.
+        commands: kind of the masks of each of the C chains (:data:`plat.envs.part_masks.PART_KINDS`); empty for any.
         middle: poses ``[M, 7 + J]`` midway to keyframes where the straight line leads through the robot itself.
         middle_row: which of them ``[R]`` is passed on the way to each row; -1 for none.
     """

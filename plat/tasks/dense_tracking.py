@@ -16,7 +16,7 @@ from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_angle, quat_tilt
 from plat.tasks.costs import TrackingCosts, tracking_cost
 from plat.tasks.near_miss import NearMiss, end_effector_mask
-from plat.tasks.partial import points_cost
+from plat.tasks.partial_costs import points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.starts import ClipStarts, disturbed
 from plat.tasks.task import Task, robot_entries

@@ -14,7 +14,7 @@ from plat.tasks.costs import pose_cost, tracking_cost
 from plat.tasks.distances import smooth_length
 from plat.tasks.keyframe_masks import KeyframeMasks
 from plat.tasks.near_miss import NearMiss, end_effector_mask
-from plat.tasks.partial import partial_pose_cost, points_cost
+from plat.tasks.partial_costs import partial_pose_cost, points_cost
 from plat.tasks.pose_table import PoseTable
 from plat.tasks.rows import for_some
 from plat.tasks.settings import TimedKeyframesConfig

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from plat.envs.parts import NUM_MASKS, draw_parts
+from plat.envs.part_masks import NUM_MASKS, draw_parts
 from plat.robots.robot import Robot
 from plat.tasks.chains import KeyframeChains
 

@@ -8,7 +8,7 @@ from plat.envs.state import GeneralizedState
 from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.tasks.distances import smooth_angle, smooth_length
-from plat.tasks.partial import joint_error, root_offset
+from plat.tasks.partial_costs import joint_error, root_offset
 
 __all__ = ["NearMiss", "end_effector_mask", "excess"]
 

@@ -11,7 +11,7 @@ from plat.cli import keyframes, main
 from plat.errors import KeyframeError, MotionError, OutputError, PlatError
 from plat.keyframes import Keyframe, KeyframeSequence, only, standing
 from plat.keyframes.files import write_keyframes
-from plat.keyframes.mjcf import write_mjcf_keys
+from plat.keyframes.mjcf_keys import write_mjcf_keys
 from plat.motions import generate_motions, save_motions
 from plat.robots import G1
 from plat.spec.timing import Timing

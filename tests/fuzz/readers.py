@@ -22,7 +22,7 @@ from plat.evaluation.study_files import read_study
 from plat.json_file import parse_json
 from plat.keyframes import KeyframeSequence, keyframe_from_json, keyframe_to_json, standing
 from plat.keyframes.kimodo import read_constraints, write_constraints
-from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
+from plat.keyframes.mjcf_keys import read_mjcf_keys, write_mjcf_keys
 from plat.modules.dynamics import DynamicsConfig, DynamicsModel
 from plat.motions.files import read_motion_files
 from plat.motions.readers import READERS

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from plat.control.authored import FAMILIES, author
-from plat.envs.parts import PART_KINDS
+from plat.envs.part_masks import PART_KINDS
 from plat.keyframes.chain_families import FAMILY_TABLE, ChainFamily
 from plat.robots import G1
 from plat.spec.timing import Timing

@@ -10,7 +10,7 @@ from plat.studio.desk import Desk
 from plat.studio.dock import Dock
 from plat.studio.page import Page
 from plat.studio.panels import PlayPanel
-from plat.studio.playback import nobody
+from plat.studio.policy_playback import nobody
 
 
 @pytest.fixture

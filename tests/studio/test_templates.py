@@ -6,7 +6,7 @@ from plat.robots import G1
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
 
 from plat.studio.checker import Checker
-from plat.studio.playback import PolicyPlayback
+from plat.studio.policy_playback import PolicyPlayback
 from plat.studio.poser import Poser
 from plat.studio.templates import TEMPLATES, template
 from plat.studio.timeline import Timeline

@@ -6,7 +6,7 @@ from plat.deploy.safety.journal import Intervention, Journal
 from plat.deploy.safety.limits import TargetLimiter
 from plat.deploy.safety.onboard import OnboardController, OnboardReading
 from plat.deploy.safety.ramp import Ramp
-from plat.deploy.safety.runner import MotorPolicy, SafeRunner
+from plat.deploy.safety.safe_runner import MotorPolicy, SafeRunner
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.safety.stops import stop_reason
 from plat.deploy.safety.watch import StateWatch

@@ -10,7 +10,7 @@ from plat.deploy.estimator import StateEstimator
 from plat.deploy.runner import JointCommand
 from plat.deploy.safety.ending import CommandSource
 from plat.deploy.safety.journal import Journal
-from plat.deploy.safety.runner import MotorPolicy, SafeRunner
+from plat.deploy.safety.safe_runner import MotorPolicy, SafeRunner
 from plat.deploy.safety.settings import SafetySettings
 from plat.deploy.state import Array, Pose, RobotState, root_of
 from plat.errors import PlatError, StateError

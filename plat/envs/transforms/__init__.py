@@ -16,7 +16,6 @@ if TYPE_CHECKING:
         horizon_named,
     )
     from plat.envs.transforms.goals import NEXT_DENSE_FRAME, NEXT_FRAME, DenseGoal
-    from plat.envs.transforms.metrics import METRIC_KEYS, KeyframeMetrics, TrackingError
     from plat.envs.transforms.noise import ObservationNoise
     from plat.envs.transforms.privileged import PrivilegedState
     from plat.envs.transforms.randomization import DomainRandomization
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from plat.envs.transforms.settings import NoiseLevels, RandomizationRanges, TerminationLimits, TrackingLimits
     from plat.envs.transforms.starts import FailureWeightedStarts, FirstFrames
     from plat.envs.transforms.terminations import KeyframeTermination, TrackingTermination
+    from plat.envs.transforms.tracking_errors import METRIC_KEYS, KeyframeMetrics, TrackingError
     from plat.envs.transforms.tracking_rewards import DenseRewards, KeyframeRewards, Regularization, TrackingTerm
 else:
     lazy(__name__)

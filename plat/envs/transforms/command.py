@@ -13,7 +13,7 @@ from torchrl.envs import Transform
 
 from plat.bounds import Count, Fraction, Natural, Seed, check_value, shown
 from plat.envs.goals import clock_entries, parts_entries, robot_centric_goal
-from plat.envs.parts import NUM_MASKS, draw_parts
+from plat.envs.part_masks import NUM_MASKS, draw_parts
 from plat.envs.transforms.base import ObservationTransform
 from plat.errors import MotionError, TaskError
 from plat.motions.library import MotionLibrary
@@ -288,7 +288,7 @@ class KeyframeCommand(ObservationTransform):
         group: name of the goal group.
         timing: of the policy; None for the default at the library's control step.
         partial: share of the random commands that are partial keyframes, of the kinds in
-            :data:`plat.envs.parts.PART_KINDS`. A schedule brings its own.
+            :data:`plat.envs.part_masks.PART_KINDS`. A schedule brings its own.
 
     Partial keyframes need a :class:`KeyframeClock` that keeps ``("command", "parts")``, see :meth:`num_parts`.
 

@@ -12,10 +12,10 @@ from plat.modules.backbone import Backbone
 from plat.modules.decoder import ActionDecoder
 from plat.modules.deployed import DeployedPolicy, timed
 from plat.modules.goal_encoder import GoalSequenceEncoder
+from plat.modules.keyframe_reach import KeyframeReach
 from plat.modules.latent import LatentPosterior, LatentPrior, sample_latent
 from plat.modules.lead import led
 from plat.modules.normalizer import ObservationNormalizer
-from plat.modules.reach import KeyframeReach
 from plat.modules.settings import LatentPolicyConfig, PlainPolicyConfig
 from plat.modules.symmetry import BothSides, MeanOfSides
 from plat.robots.robot import Robot

@@ -13,8 +13,8 @@ from plat.errors import MotionError
 from plat.motions.clip import MotionClip
 from plat.motions.formats.comment_rate import LIKELY, rates_in_comments, rates_of_steps
 from plat.motions.formats.common import FPS, number
-from plat.motions.formats.names import is_time, tokens
 from plat.motions.formats.rate import rates_in_name
+from plat.motions.formats.spellings import is_time, tokens
 from plat.rotations import quat_slerp
 
 __all__ = [

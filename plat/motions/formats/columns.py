@@ -9,7 +9,8 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.formats.clock import counts_frames, numbering_fault
 from plat.motions.formats.joint_orders import usual_orders
-from plat.motions.formats.names import (
+from plat.motions.formats.quaternion_order import QuatOrder
+from plat.motions.formats.spellings import (
     Column,
     classify_columns,
     is_generic,
@@ -18,8 +19,7 @@ from plat.motions.formats.names import (
     tokens,
     units_in_comments,
 )
-from plat.motions.formats.quaternion_order import QuatOrder
-from plat.motions.formats.table import Table
+from plat.motions.formats.text_tables import Table
 from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
 from plat.motions.formats.units import Units, must_be_radians
 from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists

@@ -24,12 +24,12 @@ from plat.motions.formats.clock import (
 from plat.motions.formats.columns import TableColumns, split_columns
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, check_rate, make_clip
 from plat.motions.formats.joint_orders import in_robot_order
-from plat.motions.formats.names import is_time
 from plat.motions.formats.pace import Pace, UnfitRateError, settled_rate
 from plat.motions.formats.quaternion_order import choose_quat_order, settle_joint_order, settle_quat_order
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.root_turn import likeliest_turn
-from plat.motions.formats.table import Table, read_table
+from plat.motions.formats.spellings import is_time
+from plat.motions.formats.text_tables import Table, read_table
 from plat.words import counted
 
 __all__ = ["clip_in_csv", "csv_text", "read_csv", "read_values"]

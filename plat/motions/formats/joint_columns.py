@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from plat.errors import MotionError
 from plat.json_file import short
-from plat.motions.formats.names import match_joint, tokens
+from plat.motions.formats.spellings import match_joint, tokens
 from plat.motions.formats.unnamed_joints import OPTIONAL
 from plat.robots.robot import Robot
 

@@ -10,7 +10,7 @@ from plat.motions.formats.common import MotionFile, ReadOptions
 from plat.motions.formats.csv_file import read_values
 from plat.motions.formats.decompress import check_numbers
 from plat.motions.formats.pickle_file import read_fields
-from plat.motions.formats.table import Table
+from plat.motions.formats.text_tables import Table
 
 __all__ = ["read_npy"]
 

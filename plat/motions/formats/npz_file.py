@@ -21,10 +21,10 @@ from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root
 from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
-from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
+from plat.motions.formats.spellings import array_meaning
 from plat.motions.formats.tracker_file import read_tracker
 from plat.motions.formats.unnamed_joints import without_wrists
 from plat.words import counted

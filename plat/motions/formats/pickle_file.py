@@ -32,9 +32,9 @@ from plat.motions.formats.common import (
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
-from plat.motions.formats.names import array_meaning
 from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
+from plat.motions.formats.spellings import array_meaning
 from plat.motions.formats.unnamed_joints import unnamed_joints, without_wrists
 from plat.motions.formats.unpickle import PickledArray, unpickle
 from plat.rotations_np import quat_from_rotvec

@@ -11,7 +11,7 @@ from plat.errors import MotionError
 from plat.motions.formats.clock import contradiction, distinct_rates, stated_rates
 from plat.motions.formats.common import MotionFile, ReadOptions
 from plat.motions.formats.joint_orders import breadth_first
-from plat.motions.formats.table import read_table
+from plat.motions.formats.text_tables import read_table
 from plat.motions.formats.tracker_file import read_tracker
 from plat.words import counted
 

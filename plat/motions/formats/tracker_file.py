@@ -12,8 +12,8 @@ from plat.errors import MotionError
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.joint_orders import in_robot_order, usual_orders
-from plat.motions.formats.names import match_joint
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
+from plat.motions.formats.spellings import match_joint
 from plat.motions.formats.units import angles_in_radians
 from plat.robots.kinematics import ForwardKinematics
 from plat.robots.robot import Robot

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plat.motions.generation.curves import fade, minimum_jerk, moves, quintic
+from plat.motions.generation.interpolation import fade, minimum_jerk, moves, quintic
 
 __all__ = ["LEFT", "RIGHT", "SIDES", "SOLE_CENTER", "Draft", "MotionScript"]
 

@@ -5,16 +5,16 @@ import torch
 from torch import Tensor
 
 from plat.errors import MotionError
-from plat.motions.generation.balance import (
+from plat.motions.generation.interpolation import minimum_jerk
+from plat.motions.generation.script import SIDES, SOLE_CENTER, Draft
+from plat.motions.generation.whole_body import WholeBody
+from plat.motions.generation.zero_moment_point import (
     InvertedPendulum,
     VaryingPendulum,
     ground_reaction,
     zero_moment_point,
     zmp_of,
 )
-from plat.motions.generation.curves import minimum_jerk
-from plat.motions.generation.script import SIDES, SOLE_CENTER, Draft
-from plat.motions.generation.whole_body import WholeBody
 from plat.rotations import quat_from_rotvec, quat_multiply, quat_rotate
 
 __all__ = ["DT", "Solver"]

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from plat.motions.checks.collision import self_penetration
-from plat.motions.generation.balance import ground_reaction, zmp_of
+from plat.motions.generation.zero_moment_point import ground_reaction, zmp_of
 from plat.robots.robot import Robot, without_side
 from plat.robots.sole_points import sole_points
 

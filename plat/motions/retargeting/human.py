@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.retargeting.axes import AXES, check_sides, find_up
 from plat.motions.retargeting.builtin import with_joints
+from plat.motions.retargeting.capture_axes import AXES, check_sides, find_up
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SIDES, UNITS, SkeletonMap
 

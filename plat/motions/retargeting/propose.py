@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plat.motions.formats.names import tokens
+from plat.motions.formats.spellings import tokens
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 

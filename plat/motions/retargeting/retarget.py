@@ -203,10 +203,10 @@ def retarget(
             of it is none of these values.
     """
     with importing("retarget", "retargeting needs", MotionError):
-        from plat.motions.retargeting.feet import lift
         from plat.motions.retargeting.floor import above_floor
+        from plat.motions.retargeting.inverse_kinematics import solve
+        from plat.motions.retargeting.planted_feet import lift
         from plat.motions.retargeting.shortfalls import shortfalls
-        from plat.motions.retargeting.solver import solve
         from plat.motions.retargeting.targets import robot_targets
     try:
         check_value("fps", fps, FrameRate | None)

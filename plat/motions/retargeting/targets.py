@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plat.motions.retargeting.feet import contact_weight, hold, levelling
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.human import Human
+from plat.motions.retargeting.planted_feet import contact_weight, hold, levelling
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 from plat.rotations_np import axis_rotation
 

@@ -9,8 +9,8 @@ from plat.errors import StudioError
 from plat.keyframes import Keyframe
 from plat.motions import MotionClip, MotionLibrary
 from plat.studio.desk import Task
-from plat.studio.library import LibraryPose, PoseLibrary
 from plat.studio.page import Page
+from plat.studio.pose_library import LibraryPose, PoseLibrary
 from plat.studio.poses import placed
 from plat.words import counted
 

@@ -5,7 +5,7 @@ import viser
 from plat.errors import PlatError
 from plat.studio.desk import Task
 from plat.studio.page import Page
-from plat.studio.playback import nobody
+from plat.studio.policy_playback import nobody
 from plat.studio.tables import keyframe_table, live_line, policy_table
 from plat.words import counted
 

@@ -10,7 +10,7 @@ from plat.json_file import short
 from plat.studio.checker import Checker
 from plat.studio.dock import Message
 from plat.studio.page import Page
-from plat.studio.playback import SPEEDS
+from plat.studio.policy_playback import SPEEDS
 from plat.studio.tables import grade
 from plat.studio.timeline import LONGEST_INTERVAL, Timeline
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from plat.motions.generation.curves import minimum_jerk
+from plat.motions.generation.interpolation import minimum_jerk
 from plat.motions.generation.script import LEFT, RIGHT, MotionScript
 from plat.motions.generation.strides import Course, Strides, take_strides
 

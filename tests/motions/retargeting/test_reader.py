@@ -64,6 +64,6 @@ def test_what_is_stated_of_a_capture_has_to_be_something(tmp_path, stated):
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     write_human(tmp_path / "person.bvh", frames=5)
     monkeypatch.setitem(sys.modules, "mink", None)
-    monkeypatch.delitem(sys.modules, "plat.motions.retargeting.solver", raising=False)
+    monkeypatch.delitem(sys.modules, "plat.motions.retargeting.inverse_kinematics", raising=False)
     with pytest.raises(MotionError, match=r"plat-rl\[retarget\]"):
         load_motions(tmp_path)

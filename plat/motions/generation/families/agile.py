@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plat.motions.generation.curves import minimum_jerk
 from plat.motions.generation.families.upper_body import arm
+from plat.motions.generation.interpolation import minimum_jerk
 from plat.motions.generation.script import LEFT, RIGHT, MotionScript
 from plat.motions.generation.strides import Course, Strides, take_strides
 

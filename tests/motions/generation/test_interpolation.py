@@ -1,6 +1,6 @@
 import numpy as np
 
-from plat.motions.generation.curves import fade, minimum_jerk, moves, quintic
+from plat.motions.generation.interpolation import fade, minimum_jerk, moves, quintic
 
 
 def test_minimum_jerk_starts_and_stops_gently():

@@ -1,6 +1,6 @@
 import pytest
 
-from plat.motions.formats.names import classify_columns, is_generic, match_joint, tokens
+from plat.motions.formats.spellings import classify_columns, is_generic, match_joint, tokens
 from plat.robots import G1
 
 SPELLINGS = {

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions.formats.table import read_table
+from plat.motions.formats.text_tables import read_table
 
 VALUES = np.array([[0.5, -1.25, 3e-3, 40.0, 5.0], [1.5, 2.25, -3e-3, 41.0, 6.0], [2.5, 2.5, 0.0, 42.0, 7.0]])
 HEADER = "a,b,c,d,e"

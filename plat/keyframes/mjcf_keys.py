@@ -20,7 +20,7 @@ from plat.errors import KeyframeError
 from plat.files import replace_file
 from plat.json_file import short
 from plat.keyframes.keyframe import Keyframe, check_whole
-from plat.motions.formats.names import match_joint
+from plat.motions.formats.spellings import match_joint
 
 if TYPE_CHECKING:
     from plat.robots.robot import Robot

@@ -1,6 +1,6 @@
 import numpy as np
 
-from plat.motions.retargeting.feet import contact_weight, hold, lift
+from plat.motions.retargeting.planted_feet import contact_weight, hold, lift
 
 
 def test_contact_needs_a_foot_that_is_low_and_slow():

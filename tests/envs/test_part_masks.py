@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from plat.envs.parts import PART_KINDS, draw_parts
+from plat.envs.part_masks import PART_KINDS, draw_parts
 from plat.errors import ConfigError, RobotError, TaskError
 from plat.robots import G1
 

@@ -2,14 +2,14 @@ from pathlib import Path
 
 from plat.robots import G1
 from plat.spec.observation import OBSERVATION, Entry, observing
-from plat.spec.page import observation_page
+from plat.spec.observation_page import observation_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "observation.md"
 
 
 def test_the_committed_page_is_what_the_table_says():
     written = observation_page(G1.num_joints, len(G1.keypoints))
-    assert PAGE.read_text(encoding="utf-8") == written, "run: python -m plat.spec.page docs/observation.md"
+    assert PAGE.read_text(encoding="utf-8") == written, "run: python -m plat.spec.observation_page docs/observation.md"
 
 
 def test_a_new_entry_is_on_the_page_and_moves_what_follows():

@@ -3,7 +3,7 @@ import dataclasses
 import mujoco
 import numpy as np
 
-from plat.export.scene import scene_xml
+from plat.export.bundle_scene import scene_xml
 from plat.robots import G1
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.files import decoded
-from plat.motions.formats.names import is_time
+from plat.motions.formats.spellings import is_time
 from plat.words import counted
 
 __all__ = ["Table", "read_table"]

@@ -2,7 +2,7 @@ import numpy as np
 
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import G1
-from plat.studio.library import PoseLibrary
+from plat.studio.pose_library import PoseLibrary
 from tests.studio.conftest import squat
 
 

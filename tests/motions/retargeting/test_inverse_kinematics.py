@@ -6,7 +6,7 @@ from plat.motions.clip import MotionClip
 from plat.motions.retargeting import SolverOptions, builtin_maps, read_bvh
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.human import read_human
-from plat.motions.retargeting.solver import solve
+from plat.motions.retargeting.inverse_kinematics import solve
 from plat.motions.retargeting.targets import Targets, robot_targets
 from plat.robots import G1
 from plat.rotations_np import axis_rotation

@@ -9,7 +9,7 @@ import pytest
 
 from plat.errors import KeyframeError
 from plat.keyframes import Keyframe, only
-from plat.keyframes.mjcf import read_mjcf_keys, write_mjcf_keys
+from plat.keyframes.mjcf_keys import read_mjcf_keys, write_mjcf_keys
 from plat.robots import G1
 
 POSES = [

@@ -1,4 +1,4 @@
-"""Documentation page of the observation, generated from its table: ``python -m plat.spec.page docs/observation.md``."""
+"""Documentation page of the observation: ``python -m plat.spec.observation_page docs/observation.md`` writes it."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ _OPENING = """\
 # What a policy observes
 
 *This page is made from the table in `plat/spec/observation.py` by
-`python -m plat.spec.page docs/observation.md`.*
+`python -m plat.spec.observation_page docs/observation.md`.*
 
 A deployed policy observes its own state, one keyframe and the time left:
 `o_t = [robot, goal, command]`, side by side in the order below. *J* is the number of joints and

@@ -11,7 +11,7 @@ from plat.modules import LatentPolicy, LatentPolicyConfig
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
-from plat.studio.playback import PolicyPlayback
+from plat.studio.policy_playback import PolicyPlayback
 from plat.studio.timeline import Timeline
 from tests.studio.conftest import squat
 

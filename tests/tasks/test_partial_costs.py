@@ -3,7 +3,7 @@ import torch
 
 from plat.robots import G1
 from plat.rotations import quat_rotate
-from plat.tasks.partial import partial_pose_cost
+from plat.tasks.partial_costs import partial_pose_cost
 from tests.tasks.keyframe_tasks import command, partial_task
 
 LEFT_HAND = G1.keypoints.index("left_wrist_yaw_link")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from plat.motions.generation.balance import (
+from plat.motions.generation.zero_moment_point import (
     InvertedPendulum,
     VaryingPendulum,
     ground_reaction,
