@@ -89,7 +89,7 @@ def test_what_reads_motions_names_the_command_of_an_option():
     own = {
         "validation.py",  # the verdicts of plat motions inspect
         "clock.py: --fps",  # the source of a rate
-        "axes.py: --map",  # beside --up, of plat motions retarget
+        "capture_axes.py: --map",  # beside --up, of plat motions retarget
     }
     bare = {
         f"{path.name}: {option}"
