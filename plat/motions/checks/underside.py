@@ -1,5 +1,7 @@
 """Lowest points of a robot's parts: hands, knees, pelvis and trunk meet the floor as well as feet."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import torch
@@ -13,6 +15,8 @@ __all__ = ["Underside"]
 
 # Frames that are looked at in one go.
 _CHUNK = 4096
+
+_Geom = mujoco.mjtGeom
 
 
 class Underside:
@@ -42,19 +46,12 @@ class Underside:
         self._place = torch.from_numpy(model.geom_pos[geoms])
         self._turn = torch.from_numpy(model.geom_quat[geoms])
         self._geoms = geoms
-        size = model.geom_size[geoms]
-        kind = model.geom_type[geoms]
-        round_part = np.isin(kind, (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE))
-        long = kind == mujoco.mjtGeom.mjGEOM_CAPSULE
-        self._radius = np.where(round_part, size[:, 0], 0.0)
-        # of anything that is no sphere or capsule the box around it
-        box = np.where(kind[:, None] == mujoco.mjtGeom.mjGEOM_CYLINDER, size[:, [0, 0, 1]], size)
-        self._half = np.where(round_part[:, None], long[:, None] * [0.0, 0.0, 1.0] * size[:, 1:2], box)
+        kinds, sizes = model.geom_type[geoms], model.geom_size[geoms]
+        self._shapes = [_shape(model, *part) for part in zip(geoms, kinds, sizes, strict=True)]
 
     def lowest(self, data: mujoco.MjData) -> tuple[float, str]:
         """Return the height of the lowest point of all, and the body that it is of, in the pose that ``data`` has."""
-        axes = data.geom_xmat[self._geoms, 6:9]
-        low = data.geom_xpos[self._geoms, 2] - (np.abs(axes) * self._half).sum(-1) - self._radius
+        low = data.geom_xpos[self._geoms, 2] - self._below(data.geom_xmat[self._geoms, 6:9])
         part = int(low.argmin())
         return float(low[part]), self.bodies[part]
 
@@ -70,5 +67,38 @@ class Underside:
         pos_w, quat_w = pos_w[:, self._column], quat_w[:, self._column]
         center = pos_w + quat_rotate(quat_w, self._place.expand(len(qpos), -1, -1))
         axes = quat_to_matrix(quat_w) @ quat_to_matrix(self._turn)
-        reach = (axes[..., 2, :].abs().numpy() * self._half).sum(-1) + self._radius
-        return np.asarray(center[..., 2].numpy() - reach)
+        return np.asarray(center[..., 2].numpy() - self._below(axes[..., 2, :].numpy()))
+
+    def _below(self, up: np.ndarray) -> np.ndarray:
+        """Return how far each geom goes down from its center ``[*B, G]`` (m), of the upward axis in its frame."""
+        return np.stack([shape(up[..., number, :]) for number, shape in enumerate(self._shapes)], -1)
+
+
+def _shape(model: mujoco.MjModel, geom: int, kind: int, size: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return how far a geom goes down from its center (m), as a function of the upward axis in its frame."""
+    match kind:
+        case _Geom.mjGEOM_SPHERE:
+            return lambda up: np.full(up.shape[:-1], size[0])
+        case _Geom.mjGEOM_CAPSULE:
+            return lambda up: size[0] + size[1] * np.abs(up[..., 2])
+        case _Geom.mjGEOM_CYLINDER:
+            return lambda up: size[0] * np.hypot(up[..., 0], up[..., 1]) + size[1] * np.abs(up[..., 2])
+        case _Geom.mjGEOM_ELLIPSOID:
+            return lambda up: np.linalg.norm(size * up, axis=-1)
+        case _Geom.mjGEOM_MESH:
+            corners = _hull(model, int(model.geom_dataid[geom]))
+            return lambda up: -(up @ corners.T).min(-1)
+        case _:  # the box around it, whose middle need not be the geom's
+            middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            return lambda up: np.abs(up) @ half - up @ middle
+
+
+def _hull(model: mujoco.MjModel, mesh: int) -> np.ndarray:
+    """Return the corners of a mesh's convex hull ``[V, 3]`` (m), all of its vertices where MuJoCo has made none."""
+    start, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
+    vertices = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])].astype(np.float64)
+    if graph < 0:
+        return vertices
+    # numbers of corners and faces, where the edges of each corner begin, and which vertex each is
+    corners = int(model.mesh_graph[graph])
+    return vertices[model.mesh_graph[graph + 2 + corners : graph + 2 + 2 * corners]]
