@@ -46,8 +46,7 @@ class Underside:
         self._place = torch.from_numpy(model.geom_pos[geoms])
         self._turn = torch.from_numpy(model.geom_quat[geoms])
         self._geoms = geoms
-        kinds, sizes = model.geom_type[geoms], model.geom_size[geoms]
-        self._shapes = [_shape(model, *part) for part in zip(geoms, kinds, sizes, strict=True)]
+        self._shapes = [_shape(model, geom) for geom in geoms.tolist()]
 
     def lowest(self, data: mujoco.MjData) -> tuple[float, str]:
         """Return the height of the lowest point of all, and the body that it is of, in the pose that ``data`` has."""
@@ -74,9 +73,10 @@ class Underside:
         return np.stack([shape(up[..., number, :]) for number, shape in enumerate(self._shapes)], -1)
 
 
-def _shape(model: mujoco.MjModel, geom: int, kind: int, size: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _shape(model: mujoco.MjModel, geom: int) -> Callable[[np.ndarray], np.ndarray]:
     """Return how far a geom goes down from its center (m), as a function of the upward axis in its frame."""
-    match kind:
+    size = model.geom_size[geom].copy()
+    match int(model.geom_type[geom]):
         case _Geom.mjGEOM_SPHERE:
             return lambda up: np.full(up.shape[:-1], size[0])
         case _Geom.mjGEOM_CAPSULE:
