@@ -1,7 +1,5 @@
 """Lowest points of a robot's parts: hands, knees, pelvis and trunk meet the floor as well as feet."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import torch
@@ -46,7 +44,20 @@ class Underside:
         self._place = torch.from_numpy(model.geom_pos[geoms])
         self._turn = torch.from_numpy(model.geom_quat[geoms])
         self._geoms = geoms
-        self._shapes = [_shape(model, geom) for geom in geoms.tolist()]
+        kind, size = model.geom_type[geoms][:, None], model.geom_size[geoms]
+        ball = np.isin(kind, (_Geom.mjGEOM_SPHERE, _Geom.mjGEOM_CAPSULE))
+        long = np.isin(kind, (_Geom.mjGEOM_CAPSULE, _Geom.mjGEOM_CYLINDER))
+        disc, egg, mesh = (kind == one for one in (_Geom.mjGEOM_CYLINDER, _Geom.mjGEOM_ELLIPSOID, _Geom.mjGEOM_MESH))
+        boxed = ~(ball | long | egg | mesh)
+        # the box around it, whose middle need not be the geom's
+        box = model.geom_aabb[geoms]
+        self._radius = np.where(ball, size, 0.0)[:, 0]
+        self._half = np.where(long, [0.0, 0.0, 1.0] * size[:, 1:2], np.where(boxed, box[:, 3:], 0.0))
+        self._middle = np.where(boxed, box[:, :3], 0.0)
+        self._disc, self._egg = np.where(disc, size, 0.0)[:, 0], np.where(egg, size, 0.0)
+        self._hulls = {
+            int(number): _hull(model, int(model.geom_dataid[geoms[number]])) for number in np.flatnonzero(mesh)
+        }
 
     def lowest(self, data: mujoco.MjData) -> tuple[float, str]:
         """Return the height of the lowest point of all, and the body that it is of, in the pose that ``data`` has."""
@@ -69,28 +80,12 @@ class Underside:
         return np.asarray(center[..., 2].numpy() - self._below(axes[..., 2, :].numpy()))
 
     def _below(self, up: np.ndarray) -> np.ndarray:
-        """Return how far each geom goes down from its center ``[*B, G]`` (m), of the upward axis in its frame."""
-        return np.stack([shape(up[..., number, :]) for number, shape in enumerate(self._shapes)], -1)
-
-
-def _shape(model: mujoco.MjModel, geom: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return how far a geom goes down from its center (m), as a function of the upward axis in its frame."""
-    size = model.geom_size[geom].copy()
-    match int(model.geom_type[geom]):
-        case _Geom.mjGEOM_SPHERE:
-            return lambda up: np.full(up.shape[:-1], size[0])
-        case _Geom.mjGEOM_CAPSULE:
-            return lambda up: size[0] + size[1] * np.abs(up[..., 2])
-        case _Geom.mjGEOM_CYLINDER:
-            return lambda up: size[0] * np.hypot(up[..., 0], up[..., 1]) + size[1] * np.abs(up[..., 2])
-        case _Geom.mjGEOM_ELLIPSOID:
-            return lambda up: np.linalg.norm(size * up, axis=-1)
-        case _Geom.mjGEOM_MESH:
-            corners = _hull(model, int(model.geom_dataid[geom]))
-            return lambda up: -(up @ corners.T).min(-1)
-        case _:  # the box around it, whose middle need not be the geom's
-            middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            return lambda up: np.abs(up) @ half - up @ middle
+        """Return how far geoms go down from their centers ``[*B, G]`` (m), by the upward axis in each."""
+        below = self._radius + (np.abs(up) * self._half - up * self._middle).sum(-1)
+        below += self._disc * np.hypot(up[..., 0], up[..., 1]) + np.linalg.norm(up * self._egg, axis=-1)
+        for number, corners in self._hulls.items():
+            below[..., number] = -(up[..., number, :] @ corners.T).min(-1)
+        return np.asarray(below)
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> np.ndarray:
