@@ -33,6 +33,7 @@ from plat.control import (
 )
 from plat.control.chase import check_parts_are_seen
 from plat.control.shoves import Shoves
+from plat.control.simulator import PHYSICS_STEPS
 from plat.errors import ActionError, KeyframeError
 from plat.files import TABLES, check_file, replace_table
 from plat.keyframes import KeyframeSequence
@@ -73,7 +74,9 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     if recipe.video is not None:
         check_video(recipe.video)
         stage = Stage(robot)
-    simulator = Simulator(stage_model(robot) if recipe.viewer else robot.model(), timing.control_dt)
+    model = stage_model(robot) if recipe.viewer else robot.model()
+    model.opt.timestep = timing.control_dt / PHYSICS_STEPS  # as in training, whatever the description says
+    simulator = Simulator(model, timing.control_dt)
     controller = PolicyController(policy.deployed(), robot, timing)
     check_parts_are_seen(sequence, controller, recipe.keyframes)
     chase = Chase(controller, sequence, simulator, hold=recipe.hold)

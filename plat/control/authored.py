@@ -32,13 +32,15 @@ from plat.spec.proportions import in_proportion
 from plat.spec.timing import Timing
 from plat.words import counted
 
-__all__ = ["FAMILIES", "Authored", "author", "resting_poses"]
+__all__ = ["FAMILIES", "Authored", "UndrawableError", "author", "resting_poses"]
 
 Pose = NDArray[np.float64]
 """Root position (m, world), root quaternion ``wxyz`` and joint angles (rad): ``[7 + J]``."""
 
 _JOINT_SPEED, _ROOT_SPEED, _PELVIS_HEIGHT = RESTING
 _FOOT_OFF = 5e-3  # m
+# Rounds of poses, and crouches, after which a robot is taken to have none of the kind. A G1 needs a few.
+_MOST_ROUNDS, _MOST_CROUCHES = 200, 100
 _SPARE = 3  # crouches that are solved ahead beyond those of a chain, for feet that come off
 
 _LOGGER = logging.getLogger("plat.motions")
@@ -49,6 +51,10 @@ FAMILIES: dict[str, ChainFamily] = {name: family for name, family in FAMILY_TABL
 ``reach`` commands the positions of the hands, ``three_point`` those of hands and torso, which carries the head, and
 ``waypoint`` the root's horizontal position and orientation.
 """
+
+
+class UndrawableError(KeyframeError):
+    """Poses of a family that a robot cannot take, however often they are drawn."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ def author(
 
     Raises:
         KeyframeError: for another family, one that needs what is not there (see
-            :func:`plat.keyframes.chain_needs.lacking`), and resting poses that are none of the robot's.
+            :func:`plat.keyframes.chain_needs.lacking`), and resting poses that are none of the robot's. It is an
+            :class:`UndrawableError` where the robot can take none of its poses.
         RobotError: for what is no robot.
         ConfigError: for another argument that makes no sense.
 
@@ -117,7 +124,10 @@ def author(
     commands = _commanded(kind, robot)
     chains = []
     for chain in range(count):
-        poses = draw.chain(kind)
+        try:
+            poses = draw.chain(kind)
+        except UndrawableError as error:
+            raise UndrawableError(f"authored family {family!r} cannot be drawn: {error}") from None
         times = _times(random.uniform(*kind.interval, len(poses)), kind, timing)
         keyframes = [
             replace(Keyframe.from_qpos(time, pose, name=f"{family} {number}"), commands=commands)
@@ -251,7 +261,7 @@ class _Draw:
         No two links are :data:`plat.keyframes.chain_families.INSIDE` or more in each other, of the pairs that the
         robot's description lets collide.
         """
-        while True:
+        for _ in range(_MOST_ROUNDS):
             poses = self._arms(base, TRIES)
             root_pos, root_quat, joint_pos = torch.from_numpy(poses).split((3, 4, self._robot.num_joints), -1)
             places, _ = self._hands(root_pos, root_quat, joint_pos)
@@ -260,15 +270,24 @@ class _Draw:
             for row in (ahead & above).all(-1).nonzero()[:, 0].tolist():
                 if self_penetration(self._model, poses[row], self._data) < INSIDE:
                     return poses[row]
+        raise UndrawableError(
+            f"robot {self._robot.name!r}: of {_MOST_ROUNDS * TRIES} poses none has both hands ahead of the body and "
+            "above its root, and no links in each other"
+        )
 
     def _crouching(self, lowered: tuple[float, float], lean: float) -> Pose:
         """Return a crouch with the feet in place and the center of mass where it is over them in the standing pose."""
-        while True:
+        for _ in range(_MOST_CROUCHES):
             drawn = self._random.uniform(*lowered), self._random.uniform(0.0, lean)
             pose, off = self._solved.pop(drawn) if drawn in self._solved else self._crouched([drawn])[0]
             # deep and upright at once is beyond the ankles
             if off < _FOOT_OFF:
                 return pose
+        least, most = lowered
+        raise UndrawableError(
+            f"robot {self._robot.name!r}: its feet stay in place in none of {_MOST_CROUCHES} crouches, with the root "
+            f"{100 * least:.0f} to {100 * most:.0f} cm lower and the center of mass over them"
+        )
 
     def _solve_ahead(self, family: ChainFamily, lowered: tuple[float, float]) -> None:
         """Solve for the crouches that a chain will most likely ask for: all at once take as long as one.

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plat.control.chase import Controller
+from plat.control.simulator import PHYSICS_STEPS
 from plat.deploy import Pose, RobotDescription, RobotState
 from plat.robots import FootContacts, Robot
 
 __all__ = ["Delayed", "PhysicsSetting", "make_model", "physics_settings"]
 
-# Physics steps of a control step in training, and how long a fine one is (s).
-_SUBSTEPS = 4
-_FINE = 0.001
+_FINE = 0.001  # s: how long a fine physics step is
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def physics_settings(control_dt: float) -> tuple[PhysicsSetting, ...]:
 def make_model(robot: Robot, description: RobotDescription, physics: PhysicsSetting) -> mujoco.MjModel:
     """Return a model of the robot with the motors of a bundle, at some physics."""
     model = robot.model(physics.feet)
-    model.opt.timestep = description.control_dt / _SUBSTEPS if physics.timestep is None else physics.timestep
+    model.opt.timestep = description.control_dt / PHYSICS_STEPS if physics.timestep is None else physics.timestep
     model.actuator_gainprm[:, 0] = physics.gain * description.stiffness
     model.actuator_biasprm[:, 1] = -physics.gain * description.stiffness
     model.actuator_biasprm[:, 2] = -physics.gain * description.damping

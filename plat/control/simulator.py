@@ -11,7 +11,10 @@ from plat.deploy import Pose, RobotState
 from plat.errors import ActionError, RobotError, StateError
 from plat.spec.timing import Timing
 
-__all__ = ["Simulator"]
+__all__ = ["PHYSICS_STEPS", "Simulator"]
+
+PHYSICS_STEPS = 4
+"""Physics steps of a control step in training and evaluation, whatever the time step of a robot's description."""
 
 # So deep in the floor (m) a robot is thrown up by meters. Poses of motions are some centimeters in it.
 _SUNK = 0.3

@@ -39,7 +39,7 @@ class Viewer:
         self._window = _open(simulator)
         self._threads = [thread for thread in threading.enumerate() if thread not in before]
         with self._window.lock():
-            show_visible(self._window.opt)
+            show_visible(self._window.opt, self._model)
             camera = self._window.cam
             camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
             camera.distance, camera.azimuth, camera.elevation = 2.6, 125.0, -10.0

@@ -1,5 +1,6 @@
 """Scores on authored keyframes: success rate, falls before the arrival, falls and steps during the hold."""
 
+import logging
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +15,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from plat.control.authored import FAMILIES, Authored, author, resting_poses
+from plat.control.authored import FAMILIES, Authored, UndrawableError, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.envs.reach import distances, down
 from plat.envs.settings import ReachLimits
@@ -41,6 +42,7 @@ __all__ = [
     "write_authored_csv",
 ]
 
+_LOGGER = logging.getLogger("plat.motions")
 _HOLD_MEASURES = ("support_margin", "floating", "self_penetration", "floor_penetration")
 _TABLE = ("policy", "family", "chains", "metric", "value", "low", "high")
 _NEVER = torch.iinfo(torch.int64).max
@@ -266,6 +268,7 @@ def author_families(
 
     Left out are families that the motions or the robot lack something for
     (:func:`plat.keyframes.chain_needs.lacking`), and ``far3s`` when the longest command is shorter than its 3 s.
+    Families whose poses the robot cannot take are as well, and a line says so.
 
     Args:
         robot: whose keyframes they are.
@@ -276,12 +279,15 @@ def author_families(
     """
     timing = timing or Timing()
     resting = resting_poses(motions)
-    return [
-        chain
-        for family in FAMILIES.values()
-        if family.interval[1] <= timing.longest and not lacking(family, robot, resting)
-        for chain in author(family.name, robot, count, seed, resting, timing)
-    ]
+    chains: list[Authored] = []
+    for family in FAMILIES.values():
+        if family.interval[1] > timing.longest or lacking(family, robot, resting):
+            continue
+        try:
+            chains += author(family.name, robot, count, seed, resting, timing)
+        except UndrawableError as error:
+            _LOGGER.warning("%s: left out", error)
+    return chains
 
 
 def no_chains(timing: Timing) -> str:

@@ -5,8 +5,12 @@ from plat.robots import Robot
 __all__ = ["scene_xml"]
 
 
-def scene_xml(robot: Robot) -> str | None:
+def scene_xml(robot: Robot, timestep: float | None = None) -> str | None:
     """Return the MJCF of a robot on a floor, motors and contact sensors included; None when it needs other files.
+
+    Args:
+        robot: the robot.
+        timestep: physics step (s); None for the asset's.
 
     >>> import mujoco
     >>> from plat.robots import G1
@@ -18,5 +22,7 @@ def scene_xml(robot: Robot) -> str | None:
         return None
     if any(texture.file for texture in spec.textures):
         return None
+    if timestep is not None:
+        spec.option.timestep = timestep
     spec.compile()  # names and defaults are resolved by it
     return spec.to_xml()

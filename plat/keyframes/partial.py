@@ -109,7 +109,7 @@ def only(
 
 
 def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
-    """Return the bodies that a robot's left and right hand are: its end effectors that are no feet.
+    """Return the bodies that a robot's left and right hand are (:attr:`plat.robots.Robot.hands`).
     Two empty names for a robot that has not two of them, and for a bundle's description.
 
     >>> from plat.robots import G1
@@ -119,11 +119,7 @@ def hands_of(robot: Robot | RobotDescription) -> tuple[str, str]:
     if isinstance(robot, RobotDescription):
         return ("", "")
     check_robot(robot)
-    hands = [body for body in robot.end_effectors if body not in robot.feet]
-    if len(hands) != 2:
-        return ("", "")
-    left, right = hands
-    return (left, right) if not right.startswith("left") else (right, left)
+    return robot.hands
 
 
 def _number(field: str, value: float, most: float = np.inf, unit: str = "") -> float:

@@ -19,6 +19,7 @@ from plat.headless import unusable
 from plat.progress import tracked
 from plat.rendering.mp4 import is_whole
 from plat.rendering.playback import Playback
+from plat.robots.contact_geoms import visual_groups
 from plat.robots.robot import Robot
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
 _GHOST = np.array([0.1, 0.75, 0.45, 0.35])
 _SKY_TOP, _SKY_BOTTOM = [0.55, 0.66, 0.78], [0.93, 0.95, 0.97]
 _TILE_DARK, _TILE_LIGHT = [0.30, 0.34, 0.38], [0.35, 0.39, 0.43]
+_OURS = "plat"  # begins the names of what is added: descriptions have a sky or tiles of their own
 
 
 class Stage:
@@ -74,7 +76,7 @@ class Stage:
                 "libgl1-mesa-dri, then set MUJOCO_GL=egl"
             ) from error
         self._options = mujoco.MjvOption()
-        show_visible(self._options)
+        show_visible(self._options, self._model)
         self._camera = mujoco.MjvCamera()
         self._camera.distance, self._camera.azimuth, self._camera.elevation = distance, 125.0, -10.0
         self._camera.lookat[2] = 0.68
@@ -126,10 +128,10 @@ def _check_display() -> None:
         )
 
 
-def show_visible(options: mujoco.MjvOption) -> None:
-    """Show floor and visual geoms, and hide collision geoms."""
+def show_visible(options: mujoco.MjvOption, model: mujoco.MjModel) -> None:
+    """Show floor and visual geoms of a model, and hide collision geoms where it has others."""
     options.geomgroup[:] = 0
-    options.geomgroup[[0, 2]] = 1
+    options.geomgroup[[0, *visual_groups(model)]] = 1
 
 
 def add_ghost(
@@ -325,7 +327,7 @@ def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjM
     """
     spec = robot.spec()
     spec.add_texture(
-        name="sky",
+        name=f"{_OURS} sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=_SKY_BOTTOM,
@@ -334,7 +336,7 @@ def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjM
         height=768,
     )
     spec.add_texture(
-        name="tiles",
+        name=f"{_OURS} tiles",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
         rgb1=_TILE_DARK,
@@ -342,10 +344,10 @@ def stage_model(robot: Robot, width: int = 640, height: int = 480) -> mujoco.MjM
         width=256,
         height=256,
     )
-    tiles = spec.add_material(name="tiles", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
-    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    tiles = spec.add_material(name=f"{_OURS} tiles", texrepeat=[1, 1], texuniform=True, reflectance=0.05)
+    tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = f"{_OURS} tiles"
     floor = spec.geom("floor")
-    floor.material, floor.group = "tiles", 0
+    floor.material, floor.group = f"{_OURS} tiles", 0
     spec.worldbody.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=[2, -2, 4],

@@ -1,9 +1,12 @@
-"""Geoms that collide, by MuJoCo's rule: one's ``contype`` shares a bit with the other one's ``conaffinity``."""
+"""Geoms that collide, by MuJoCo's rule: one's ``contype`` shares a bit with the other one's ``conaffinity``.
+
+And groups of geoms that are for the eye.
+"""
 
 import mujoco
 import numpy as np
 
-__all__ = ["colliding_geoms", "touches_floor"]
+__all__ = ["colliding_geoms", "touches_floor", "visual_groups"]
 
 
 def colliding_geoms(model: mujoco.MjModel) -> np.ndarray:
@@ -32,3 +35,19 @@ def touches_floor(model: mujoco.MjModel) -> np.ndarray:
     types, affinities = model.geom_contype, model.geom_conaffinity
     meets = (types & affinities[floor]) | (types[floor] & affinities)
     return (meets != 0) & (model.geom_bodyid > 0)
+
+
+def visual_groups(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Return the groups of the geoms that are drawn of a robot.
+
+    Group 2, where a robot has geoms in it, as those of MuJoCo Menagerie do. Else 0 and 1, which are what the compiler
+    of MuJoCo makes of a URDF; and all of them of a robot whose geoms are in others alone.
+
+    >>> from plat.robots import G1
+    >>> visual_groups(G1.shared_model)
+    (2,)
+    """
+    groups = set(model.geom_group[model.geom_bodyid > 0].tolist())
+    if 2 in groups:
+        return (2,)
+    return tuple(sorted(groups & {0, 1})) or tuple(sorted(groups))

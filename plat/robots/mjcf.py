@@ -12,17 +12,21 @@ import numpy as np
 from plat.bounds import Positive, check_value
 from plat.errors import ConfigError, RobotError
 from plat.json_file import short
+from plat.robots.contact_geoms import colliding_geoms
 from plat.robots.motors import check_actuators
 from plat.robots.mujoco_log import leave_no_log_file
 from plat.words import counted, perhaps
 
 __all__ = [
+    "FLOOR",
     "FOOT_COUNTS",
     "Capsule",
+    "add_floor",
     "add_foot_counts",
     "asset_path",
     "check_model",
     "compile_spec",
+    "leave_out_floors",
     "read_spec",
     "replace_soles",
     "saved_model",
@@ -31,8 +35,13 @@ __all__ = [
 FOOT_COUNTS = {"left_foot_contact": "left_foot_count", "right_foot_contact": "right_foot_count"}
 """Contact sensors of the feet, and those of :func:`add_foot_counts` beside them."""
 
+FLOOR = "floor"
+"""Name of the plane that plat adds."""
+
 _LONGEST_NAME = 255
 _ROOT = 1  # MuJoCo's index of the first body; 0 is the world
+# What a contact sensor is of: a geom, a body, or one with all below it.
+_GEOM, *_BODIES = (int(getattr(mujoco.mjtObj, f"mjOBJ_{kind}")) for kind in ("GEOM", "BODY", "XBODY"))
 
 leave_no_log_file()  # here: no model comes into being without this module
 
@@ -83,6 +92,45 @@ def read_spec(asset: str, robot: str) -> mujoco.MjSpec:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise RobotError(f"robot {robot!r}: asset {asset!r}: not a readable MJCF file ({_one_line(error)})") from None
+
+
+def leave_out_floors(spec: mujoco.MjSpec, where: str) -> tuple[str, ...]:
+    """Take level planes at height 0 out of a description's world, and return a line for them; plat adds its own.
+
+    A second floor would double every contact, and its friction would take the place of the soles' own.
+
+    Args:
+        spec: description that is changed.
+        where: robot and file; begins messages.
+    """
+    planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not planes:
+        return ()
+    try:
+        model = spec.copy().compile()
+    except (ValueError, mujoco.FatalError):
+        return ()  # said when the description is compiled
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    level = [
+        plane
+        for plane, geom in zip(planes, np.flatnonzero(_world_planes(model)), strict=True)
+        if data.geom_xmat[geom, 8] > 1 - 1e-6 and abs(data.geom_xpos[geom, 2]) < 1e-6
+    ]
+    names = ", ".join(repr(plane.name) if plane.name else "without a name" for plane in level)
+    for plane in level:
+        spec.delete(plane)
+    return (f"{where}: its floor {names} is left out: plat adds its own, at height 0",) if level else ()
+
+
+def _world_planes(model: mujoco.MjModel) -> np.ndarray:
+    return (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_bodyid == 0)
+
+
+def add_floor(spec: mujoco.MjSpec) -> None:
+    """Add a level floor at height 0."""
+    floor = spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+    floor.friction[0] = 0.0  # a contact has the larger one of both geoms: so it is the robot's, whatever that is
 
 
 def compile_spec(spec: mujoco.MjSpec, asset: str, robot: str) -> mujoco.MjModel:
@@ -136,12 +184,19 @@ def check_model(model: mujoco.MjModel, robot: str, bodies: Mapping[str, Sequence
         )
     driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
     if driven != list(range(1, model.njnt)):
+        odd = ""
+        if sorted(driven) == list(range(1, model.njnt)):
+            number = next(index for index, joint in enumerate(driven) if joint != index + 1)
+            drives, hinge_there = (model.joint(index).name for index in (driven[number], number + 1))
+            odd = f"; actuator {number + 1} drives {drives!r}, and hinge {number + 1} is {hinge_there!r}"
         raise RobotError(
             f"{where} has {counted(len(driven), 'actuator')}, expected one position actuator for each of the "
-            f"{model.njnt - 1} hinges, in their order"
+            f"{model.njnt - 1} hinges, in their order{odd}"
         )
     _check_hinges(model, where)
     check_actuators(model, where)
+    _check_alone(model, where)
+    _check_foot_sensors(model, bodies["feet"], where)
 
 
 def _check_hinges(model: mujoco.MjModel, where: str) -> None:
@@ -158,6 +213,38 @@ def _check_hinges(model: mujoco.MjModel, where: str) -> None:
             raise RobotError(f"{joint} has ref {ref:g} rad, expected none; give its body its pose at angle 0")
         if not model.jnt_limited[index]:
             raise RobotError(f"{joint} has no limits, expected its range")
+
+
+def _check_alone(model: mujoco.MjModel, where: str) -> None:
+    """Check that the robot can run into nothing but plat's floor, which has no friction of its own."""
+    for geom in np.flatnonzero(colliding_geoms(model) & (model.body_rootid[model.geom_bodyid] != _ROOT)).tolist():
+        name, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+        if name != FLOOR:
+            told = f"geom {name!r}" if name else "a geom without a name"
+            raise RobotError(
+                f"{where}: {told} of body {body!r} collides with the robot, expected the robot alone: plat adds a "
+                "floor; remove it, or set its contype and conaffinity to 0"
+            )
+
+
+def _check_foot_sensors(model: mujoco.MjModel, feet: Sequence[str], where: str) -> None:
+    """Check that no contact sensor of a foot is that of the other one."""
+    others = [model.body(foot).id for foot in reversed(feet)]
+    for name, foot, other in zip(FOOT_COUNTS, feet, others, strict=True):
+        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+        if sensor < 0 or model.sensor_type[sensor] != mujoco.mjtSensor.mjSENS_CONTACT or model.body(foot).id == other:
+            continue
+        sides = (
+            (model.sensor_objtype[sensor], model.sensor_objid[sensor]),
+            (model.sensor_reftype[sensor], model.sensor_refid[sensor]),
+        )
+        for kind, number in sides:
+            body = model.geom_bodyid[number] if kind == _GEOM else number if kind in _BODIES else -1
+            if body == other:
+                raise RobotError(
+                    f"{where}: sensor {name!r} is of body {model.body(other).name!r}, expected {foot!r}, the "
+                    f"{name.partition('_')[0]} one of its feet"
+                )
 
 
 def replace_soles(spec: mujoco.MjSpec, feet: Sequence[str], capsules: Sequence[Capsule]) -> None:

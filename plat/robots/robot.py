@@ -18,10 +18,12 @@ from plat.robots.contact_geoms import touches_floor
 from plat.robots.contacts import FootContacts
 from plat.robots.mjcf import (
     Capsule,
+    add_floor,
     add_foot_counts,
     asset_path,
     check_model,
     compile_spec,
+    leave_out_floors,
     read_spec,
     replace_soles,
     saved_model,
@@ -33,6 +35,8 @@ __all__ = ["FootContacts", "Robot", "without_side"]
 
 # A default pose may be this far (rad) beyond a joint's limits: a stance at the stop, rounded. Degrees are farther.
 _SLACK = 0.05
+# Bodies that are no further than this from side to side (m) are both in the middle.
+_ASIDE = 0.01
 # Higher (m) no root of a humanoid is: these are centimeters.
 _HIGHEST = 5.0
 
@@ -113,6 +117,12 @@ class Robot:
         if self.feet[0] == self.feet[1]:
             raise RobotError(f"robot {self.name!r}: feet: {self.feet[0]!r} twice, expected the left and the right foot")
         _ = self.default_joint_pos, self.notes
+        left, right = self.feet
+        if self._leftward(right) > self._leftward(left) + _ASIDE:
+            raise RobotError(
+                f"robot {self.name!r}: feet: {left!r} is to the right of {right!r} in the default pose, expected the "
+                "left foot first, in a robot that faces along x"
+            )
         return self
 
     def spec(self, feet: FootContacts = "spheres") -> mujoco.MjSpec:
@@ -129,10 +139,8 @@ class Robot:
             raise RobotError(f"feet: {feet!r}, expected 'spheres' or 'capsules'")
         if feet == "capsules" and not self.sole_capsules:
             raise RobotError(f"robot {self.name!r} has no sole_capsules, expected feet 'spheres'")
-        spec = read_spec(self.asset, self.name)
-        adopt_limits(spec, self._where)
-        floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
-        floor.friction[0] = 0.0  # a contact has the larger one of both geoms: so it is the robot's, whatever that is
+        spec, _ = self._read()
+        add_floor(spec)
         if feet == "capsules":
             replace_soles(spec, self.feet, self.sole_capsules)
         return spec
@@ -175,13 +183,18 @@ class Robot:
         """Return what is read otherwise than the MJCF description says, a line each.
 
         A ``ctrlrange`` or ``inheritrange`` that reaches a joint's limits is left out: a policy's targets may lie beyond
-        them, in simulation and on a robot.
+        them, in simulation and on a robot. So is a floor: plat adds its own.
 
         >>> from plat.robots import G1
         >>> G1.notes
         ()
         """
-        return adopt_limits(read_spec(self.asset, self.name), self._where)
+        return self._read()[1]
+
+    def _read(self) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+        """Return the description in the form that plat computes with, without a floor, and :attr:`notes`."""
+        spec = read_spec(self.asset, self.name)
+        return spec, (*adopt_limits(spec, self._where), *leave_out_floors(spec, self._where))
 
     @property
     def _where(self) -> str:
@@ -305,6 +318,17 @@ class Robot:
             body = int(self.shared_model.body_parentid[body])
         return path
 
+    def joints_to(self, body: str) -> list[int]:
+        """Return the indices of the joints between the root and a body, the nearest to the root first.
+
+        >>> from plat.robots import G1
+        >>> [G1.joint_names[joint] for joint in G1.joints_to("left_knee_link")]
+        ['left_hip_pitch', 'left_hip_roll', 'left_hip_yaw', 'left_knee']
+        """
+        model = self.shared_model
+        bodies = self._to_root(model.body(body).id)
+        return [joint for joint in range(self.num_joints) if model.jnt_bodyid[1 + joint] in bodies]
+
     @cached_property
     def leg_joints(self) -> list[int]:
         """Return the indices of the joints between the root and the feet.
@@ -313,14 +337,36 @@ class Robot:
         >>> [G1.joint_names[joint] for joint in G1.leg_joints[:3]], len(G1.leg_joints)
         (['left_hip_pitch', 'left_hip_roll', 'left_hip_yaw'], 12)
         """
-        model = self.shared_model
-        bodies = {body for foot in self.feet for body in self._to_root(model.body(foot).id)}
-        return [joint for joint in range(self.num_joints) if model.jnt_bodyid[1 + joint] in bodies]
+        return sorted({joint for foot in self.feet for joint in self.joints_to(foot)})
 
     @property
     def anchor_index(self) -> int:
         """Return the index of the anchor among the keypoints."""
         return self.keypoints.index(self.anchor)
+
+    @cached_property
+    def hands(self) -> tuple[str, str]:
+        """Return the bodies of the left and right hand: the end effectors that are no feet.
+
+        The left one is that on the left side in the default pose; where both are in the middle, the first of them.
+        Two empty names for a robot that has not two hands.
+
+        >>> from plat.robots import G1
+        >>> G1.hands
+        ('left_wrist_yaw_link', 'right_wrist_yaw_link')
+        """
+        hands = [body for body in self.end_effectors if body not in self.feet]
+        if len(hands) != 2:
+            return ("", "")
+        one, other = hands
+        return (other, one) if self._leftward(other) > self._leftward(one) + _ASIDE else (one, other)
+
+    def _leftward(self, body: str) -> float:
+        """Return how far to the left of the root a body is in the default pose (m)."""
+        data = mujoco.MjData(self.shared_model)
+        data.qpos[:] = self.default_qpos
+        mujoco.mj_kinematics(self.shared_model, data)
+        return float(data.body(body).xpos[1])
 
     @property
     def end_effector_indices(self) -> list[int]:

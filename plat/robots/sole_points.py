@@ -23,6 +23,9 @@ SOLE_GEOMS = tuple(
 
 # A point this much above the lowest of its geom (m) touches as well when the foot is flat: soles are rounded.
 _FLAT = 0.005
+# Cosine of the largest angle (15 degrees) between the vertical and the axis of a foot's frame that is meant to be it:
+# the foot of a default pose need not be quite level.
+_ALONG = 0.966
 # Points around the rim of a cylinder, and along the outline of a mesh.
 _AROUND = 8
 
@@ -70,8 +73,8 @@ def sole_points(robot: Robot, model: mujoco.MjModel) -> SolePoints:
 def touching_points(robot: Robot, model: mujoco.MjModel) -> list[_Floats]:
     """Return the points of each foot that touch a level floor when the foot is flat ``[P, 3]`` (m, foot's frame).
 
-    Down is the axis of the foot's frame that points down in the default pose. Of each geom those points are taken that
-    are as low as its lowest.
+    Down is the axis of the foot's frame that points down in the default pose; of a foot whose frame is turned against
+    its sole, what is down there. Of each geom those points are taken that are as low as its lowest.
 
     Raises:
         RobotError: as :func:`sole_points`.
@@ -86,9 +89,10 @@ def touching_points(robot: Robot, model: mujoco.MjModel) -> list[_Floats]:
     feet = []
     for foot, geoms in zip(robot.feet, robot.sole_geoms(model), strict=True):
         upward = data.body(foot).xmat.reshape(3, 3)[2]
-        down = np.zeros(3)
+        down = -upward
         axis = int(np.abs(upward).argmax())
-        down[axis] = -np.sign(upward[axis])
+        if abs(upward[axis]) > _ALONG:
+            down = -np.sign(upward[axis]) * np.eye(3)[axis]
         touching = []
         for geom in geoms:
             centers, radius = _points(robot, model, int(geom))

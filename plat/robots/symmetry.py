@@ -10,7 +10,7 @@ from plat.bounds import check_robot
 from plat.errors import RobotError
 from plat.robots.robot import Robot
 
-__all__ = ["MIRRORED_AXIS", "joint_symmetry", "keypoint_symmetry"]
+__all__ = ["MIRRORED_AXIS", "joint_symmetry", "joints_at_zero", "keypoint_symmetry"]
 
 MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
 """Signs of an axis of rotation in the mirror."""
@@ -43,7 +43,7 @@ def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
             f"robot {robot.name!r}: joints without a partner {sorted(set(names) - set(robot.joint_names))}"
         )
     partner = np.array([robot.joint_names.index(name) for name in names])
-    axis, place = _joints_at_zero(robot)
+    axis, place = joints_at_zero(robot)
     off = np.abs(place[partner] * _MIRRORED_PLACE - place).max(-1)
     sign = (axis[partner] * MIRRORED_AXIS * axis).sum(-1).round()
     turned = np.abs(axis[partner] * MIRRORED_AXIS - sign[:, None] * axis).max(-1)
@@ -57,10 +57,15 @@ def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return partner, sign
 
 
-def _joints_at_zero(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+def joints_at_zero(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return axis and place of each joint ``[J, 3]`` in the root's frame with all joints at 0.
 
     The place is that from the joint before (m), so that small differences do not add up along a limb.
+
+    >>> from plat.robots import G1
+    >>> axis, _ = joints_at_zero(G1)
+    >>> axis[G1.joint_names.index("left_knee")].round(2).tolist()
+    [0.0, 1.0, 0.0]
     """
     model = robot.shared_model
     data = mujoco.MjData(model)

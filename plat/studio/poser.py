@@ -97,7 +97,7 @@ class Poser:
         self._data = mujoco.MjData(self._model)
         self._joint_names = robot.joint_names
         self._limit = mink.ConfigurationLimit(self._model, gain=1.0)
-        self._ankle_height = RobotGeometry.of(robot).ankle_height
+        self._ankle_height = RobotGeometry.of(robot, "the studio").ankle_height
         self._range = robot.joint_range.double().numpy()
 
     def frames(self, qpos: np.ndarray) -> dict[str, Frame]:

@@ -10,6 +10,7 @@ import trimesh
 import viser
 from mjviser.conversions import merge_geoms
 
+from plat.robots.contact_geoms import visual_groups
 from plat.robots.robot import Robot
 from plat.studio.checker import Stance
 
@@ -25,8 +26,6 @@ _SAME = 0.003
 _SOLID, _FAINT = 1.0, 0.25
 _GROUND = (160, 168, 178)
 _INSIDE, _BALANCED, _PLUMB = (214, 54, 59), (18, 161, 94), (90, 100, 110)
-
-_VISUAL_GROUP = 2
 
 
 class _Colors(NamedTuple):
@@ -93,9 +92,9 @@ class Bodies:
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         geoms: dict[int, list[int]] = {}
-        for geom in range(self._model.ngeom):
-            if self._model.geom_group[geom] == _VISUAL_GROUP:
-                geoms.setdefault(int(self._model.geom_bodyid[geom]), []).append(geom)
+        shown = np.isin(self._model.geom_group, visual_groups(self._model)) & (self._model.geom_bodyid > 0)
+        for geom in np.flatnonzero(shown).tolist():
+            geoms.setdefault(int(self._model.geom_bodyid[geom]), []).append(geom)
         self.ids = list(geoms)
         self.names = [self._model.body(body).name for body in geoms]
         self._geoms = list(geoms.values())

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from plat.control.feasibility import WAY_PARTS, FeasibilityLimits
+from plat.control.simulator import PHYSICS_STEPS
 from plat.envs.reach import SAG
 from plat.envs.settings import HOLD, ReachLimits
 from plat.errors import StudioError
@@ -114,7 +115,7 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
     doubts = FeasibilityLimits()
     return {
         "robot": robot.name,
-        "xml": _description(robot),
+        "xml": _description(robot, timing.control_dt / PHYSICS_STEPS),
         "control_dt": timing.control_dt,
         "max_steps": timing.max_steps,
         "hold": HOLD,
@@ -158,23 +159,23 @@ def site_facts(robot: Robot, policies: tuple[str, ...], timing: Timing) -> dict[
     }
 
 
-def _description(robot: Robot) -> str:
-    """Return a description of the robot on a floor, in one text.
+def _description(robot: Robot, timestep: float) -> str:
+    """Return a description of the robot on a floor, in one text, with a physics step (s) in which it can be simulated.
 
     It is the file's own, whose numbers are not rounded, with the floor of :meth:`plat.robots.Robot.spec` as the last
-    geom of the world; where that is another model, because the file includes others or its limits are read otherwise,
-    it is what MuJoCo writes of it.
+    geom of the world; where that is another model, because the file includes others, has another physics step, or its
+    limits are read otherwise, it is what MuJoCo writes of it.
 
     Raises:
         StudioError: for a robot whose description needs other files.
     """
-    model, scene = robot.shared_model, scene_xml(robot)
+    model, scene = robot.shared_model, scene_xml(robot, timestep)
     if model.nmesh or model.nhfield or scene is None:
         raise StudioError(f"robot {robot.name!r}: its description has meshes or textures, which this page cannot load")
     before, end, after = robot.asset_path.read_text(encoding="utf-8").rpartition("</worldbody>")
     text = f"{before}{_FLOOR}{end}{after}"
     with suppress(ValueError):  # of a text that includes what is beside the file
-        if saved_model(mujoco.MjModel.from_xml_string(text)) == robot.compiled():
+        if saved_model(mujoco.MjModel.from_xml_string(text)) == saved_model(robot.model(timestep=timestep)):
             return text
     return scene
 

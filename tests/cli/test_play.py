@@ -143,6 +143,15 @@ def test_figures_are_named_by_the_arrival_window_of_the_policy(tmp_path, capsys)
     assert (tmp_path / "scores.csv").read_text().splitlines()[0].endswith(",tks5,mpjpe5_rad,mpkpe5_m")
 
 
+def test_a_policy_of_another_control_step_is_played(tmp_path, capsys):
+    """At 60 Hz: no whole number of the description's physics steps."""
+    timing = Timing(control_dt=1 / 60)
+    run = write_run(tmp_path / "run", PlainPolicy(G1, PlainPolicyConfig(timing=timing)))
+    KeyframeSequence(G1, standing(G1), (standing(G1).at(0.1),), timing).save(tmp_path / "stand.json")
+    play.main(play.PlayRecipe(policy=run, keyframes=tmp_path / "stand.json", hold=0.0))
+    assert "of 1 reached" in capsys.readouterr().out
+
+
 def test_what_a_partial_keyframe_does_not_command_is_empty_in_the_file(tmp_path):
     hands = only(G1, 0.5, left_hand=(0.3, 0.2, 1.0))
     away = only(G1, 1.0, root=(0.1, 0.0), heading=0.3)

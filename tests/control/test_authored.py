@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from plat.control.authored import FAMILIES, _times, author, resting_poses
+from plat.control import authored
+from plat.control.authored import FAMILIES, UndrawableError, _times, author, resting_poses
 from plat.control.feasibility import Feasibility
 from plat.errors import KeyframeError, PlatError
+from plat.evaluation.authored_scores import author_families
 from plat.keyframes import KeyframeSequence
 from plat.keyframes.chain_families import FAMILY_TABLE
 from plat.keyframes.partial import hands_of
@@ -213,6 +215,32 @@ def test_errors_are_one_line() -> None:
         author("fly", G1, 1, 0)
     with pytest.raises(KeyframeError, match="'hold' needs resting poses"):
         author("hold", G1, 1, 0)
+
+
+def test_poses_that_a_robot_cannot_take_end_in_one_line(monkeypatch) -> None:
+    knees = ("left_knee_link", "right_knee_link")
+    kneeling = replace(G1, name="kneeling", end_effectors=(*G1.feet, *knees))
+    monkeypatch.setattr(authored, "_MOST_ROUNDS", 3)
+    message = "'reach' cannot be drawn: robot 'kneeling': of 192 poses none has both hands ahead of the body and above"
+    with pytest.raises(UndrawableError, match=message):
+        author("reach", kneeling, 1, seed=0)
+    monkeypatch.setattr(authored, "_MOST_CROUCHES", 2)
+    monkeypatch.setattr(authored, "_FOOT_OFF", 0.0)
+    message = "'crouch' cannot be drawn: robot 'g1': its feet stay in place in none of 2 crouches, with"
+    with pytest.raises(UndrawableError, match=message):
+        author("crouch", G1, 1, seed=0)
+
+
+def test_families_that_a_robot_cannot_take_are_left_out_and_told(library: MotionLibrary, monkeypatch, caplog) -> None:
+    monkeypatch.setattr(authored, "_MOST_ROUNDS", 0)
+    with caplog.at_level("WARNING", "plat.motions"):
+        families = {chain.family for chain in author_families(G1, library, 1)}
+    assert "arms" in families
+    assert not families & {"reach", "three_point"}
+    assert [record.getMessage().split(":")[0] for record in caplog.records if "left out" in record.getMessage()] == [
+        "authored family 'reach' cannot be drawn",
+        "authored family 'three_point' cannot be drawn",
+    ]
 
 
 def test_times_are_on_control_steps_and_intervals_in_their_range() -> None:

@@ -18,12 +18,23 @@ from plat.rendering import (
     contact_sheet,
     film,
     film_with_progress,
+    stage_model,
     stills,
     write_picture,
     write_video,
 )
 from plat.robots import G1
 from tests.conftest import standing_clip
+
+
+def test_a_description_may_have_a_sky_and_tiles_of_its_own(tmp_path):
+    own = (
+        '<texture name="sky" type="skybox" builtin="flat" width="8" height="8"/>'
+        '<texture name="tiles" type="2d" builtin="flat" width="8" height="8"/><material name="tiles" texture="tiles"/>'
+    )
+    (tmp_path / "robot.xml").write_text(G1.asset_path.read_text().replace("<asset>", f"<asset>{own}"))
+    model = stage_model(replace(G1, asset=str(tmp_path / "robot.xml")))
+    assert model.ntex == stage_model(G1).ntex + 2
 
 
 @pytest.fixture(scope="module")

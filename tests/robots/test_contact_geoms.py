@@ -11,7 +11,7 @@ import torch
 from plat.envs import BatchedPhysics
 from plat.motions.checks.underside import Underside
 from plat.robots import G1
-from plat.robots.contact_geoms import colliding_geoms, touches_floor
+from plat.robots.contact_geoms import colliding_geoms, touches_floor, visual_groups
 
 
 @pytest.mark.parametrize("floor", ["", 'contype="2" conaffinity="4"'])
@@ -59,3 +59,14 @@ def test_their_friction_is_set(one_sided):
     friction = physics.model_field("geom_friction")[:, one_sided.sole_geoms(one_sided.model()).ravel(), 0]
     torch.testing.assert_close(friction[1], torch.full((8,), 0.3, dtype=torch.float64))
     assert (friction[0] > 0.4).all()
+
+
+@pytest.mark.parametrize(
+    ("groups", "shown"),
+    [((2, 3), (2,)), ((0, 2), (2,)), ((0, 1), (0, 1)), ((1, 3), (1,)), ((3, 4), (3, 4))],
+)
+def test_something_is_drawn_of_every_robot(groups, shown):
+    geoms = "".join(f'<geom size="0.1" group="{group}"/>' for group in groups)
+    floor = '<geom name="floor" type="plane" size="1 1 1" group="5"/>'
+    text = f"<mujoco><worldbody>{floor}<body><freejoint/>{geoms}</body></worldbody></mujoco>"
+    assert visual_groups(mujoco.MjModel.from_xml_string(text)) == shown

@@ -83,6 +83,18 @@ def test_an_asset_may_be_a_path_elsewhere(tmp_path):
         (GENERAL.replace("0 -50 -2", "1 -50 -2"), "'knee_joint' is no position actuator of gear 1"),
         (GENERAL.replace('gaintype="fixed"', 'gaintype="affine"'), "'knee_joint' is no position actuator of gear 1"),
         (TINY.replace('name="foot"', 'name="foot1"'), "keypoints: body 'foot' is not in .*, perhaps 'foot1'"),
+        (
+            TINY.replace("<worldbody>", '<worldbody><geom name="step" size=".1"/>'),
+            "geom 'step' of body 'world' collides with the robot, expected the robot alone: plat adds a floor",
+        ),
+        (
+            TINY.replace("<worldbody>", '<worldbody><geom type="plane" size="1 1 1" euler="5 0 0"/>'),
+            "a geom without a name of body 'world' collides with the robot",
+        ),
+        (
+            TINY.replace("</worldbody>", '<body name="table"><geom name="top" size=".1"/></body></worldbody>'),
+            "geom 'top' of body 'table' collides with the robot, expected the robot alone",
+        ),
     ],
 )
 def test_a_bad_asset_is_one_line(tmp_path, text, message):
@@ -138,6 +150,53 @@ def test_targets_are_not_clipped_and_that_is_said(tmp_path, limits, left_out):
     data.qpos[-1] = 1.0472
     mujoco.mj_forward(data.model, data)
     assert data.actuator_force[0] == pytest.approx(50 * (1.1 - 1.0472))  # beyond the joint's limit
+
+
+@pytest.mark.parametrize(
+    "floors",
+    [
+        '<geom name="floor" type="plane" size="1 1 1"/>',
+        '<geom name="ground" type="plane" size="0 0 1" euler="0 0 30" friction="1.5"/>',
+        '<geom name="floor" type="plane" size="1 1 1" contype="0" conaffinity="0"/>',
+        '<geom type="plane" size="1 1 1"/><light pos="0 0 3"/><geom name="ground" type="plane" size="1 1 1"/>',
+    ],
+)
+def test_a_floor_of_the_description_gives_way_to_plats_and_that_is_said(tmp_path, floors):
+    tiny = robot(tmp_path / "tiny.xml", TINY.replace("<worldbody>", f"<worldbody>{floors}"))
+    assert tiny.model().ngeom == 3
+    assert tiny.model().geom_friction[tiny.model().geom("floor").id, 0] == 0
+    (note,) = tiny.notes
+    assert note.startswith("robot 'tiny': ")
+    assert note.endswith("is left out: plat adds its own, at height 0")
+
+
+def test_an_actuator_that_is_out_of_order_is_named(tmp_path):
+    spec = G1.spec()
+    spec.delete(spec.geom("floor"))
+    spec.compile()
+    first, second = (f'joint="left_hip_{axis}_joint"' for axis in ("pitch", "roll"))
+    head, motors = spec.to_xml().split("<actuator>")
+    swapped = motors.replace(first, "one").replace(second, first).replace("one", second)
+    (tmp_path / "robot.xml").write_text(f"{head}<actuator>{swapped}")
+    message = "in their order; actuator 1 drives 'left_hip_roll_joint', and hinge 1 is 'left_hip_pitch_joint'"
+    with pytest.raises(RobotError, match=message):
+        replace(G1, asset=str(tmp_path / "robot.xml")).model()
+
+
+@pytest.mark.parametrize("given", ['body1="{}" body2="world"', 'body1="world" subtree2="{}"'])
+def test_a_foot_sensor_of_the_other_foot_is_refused(tmp_path, given):
+    spec = G1.spec()
+    spec.delete(spec.geom("floor"))
+    spec.compile()
+    text = spec.to_xml()
+    ours = 'body1="left_ankle_roll_link" body2="world"'
+    assert ours in text
+    for side, foot in zip(("left", "right"), G1.feet, strict=True):
+        (tmp_path / f"{side}.xml").write_text(text.replace(ours, given.format(foot), 1))
+    assert replace(G1, asset=str(tmp_path / "left.xml")).model().nsensor == 4
+    message = "sensor 'left_foot_contact' is of body 'right_ankle_roll_link', expected 'left_ankle_roll_link'"
+    with pytest.raises(RobotError, match=message):
+        replace(G1, asset=str(tmp_path / "right.xml")).model()
 
 
 @pytest.mark.parametrize(

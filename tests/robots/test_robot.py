@@ -183,3 +183,19 @@ def test_fields_out_of_their_range_are_refused(changes, message):
 def test_a_keypoint_is_named_once():
     with pytest.raises(RobotError, match=f"robot 'g1': keypoints: '{G1.keypoints[3]}' stands there twice"):
         replace(G1, keypoints=(*G1.keypoints, G1.keypoints[3])).model()
+
+
+def test_hands_are_told_by_their_side_in_the_order_of_any_list():
+    left, right = G1.hands
+    for hands in ((left, right), (right, left)):
+        assert replace(G1, end_effectors=(*hands, *G1.feet)).hands == (left, right)
+    assert replace(G1, end_effectors=(*G1.feet, left)).hands == ("", "")
+
+
+def test_feet_in_the_wrong_order_are_refused(tmp_path):
+    with pytest.raises(RobotError, match="sensor 'left_foot_contact' is of .* expected 'right_ankle.* left one of its"):
+        replace(G1, feet=G1.feet[::-1]).check()
+    (tmp_path / "robot.xml").write_text(re.sub("<sensor>.*</sensor>", "", G1.asset_path.read_text(), flags=re.DOTALL))
+    message = "feet: 'right_ankle_roll_link' is to the right of 'left_ankle_roll_link' in the default pose"
+    with pytest.raises(RobotError, match=message):
+        replace(G1, asset=str(tmp_path / "robot.xml"), feet=G1.feet[::-1]).check()

@@ -57,6 +57,24 @@ def test_points_that_touch_a_level_floor(tmp_path, geom, touching):
     assert np.ptp(points[:, 2]) < 1e-3  # it stands flat in its default pose
 
 
+def test_a_foot_whose_frame_is_turned_against_its_sole_touches_with_all_of_it(tmp_path):
+    """Its frame is pitched by half a radian: down its nearest axis is one edge."""
+    tilt = np.array([np.cos(0.25), 0.0, np.sin(0.25), 0.0])
+    back = " ".join(f"{value:.9f}" for value in tilt * [1, -1, -1, -1])
+    place = np.empty(3)
+    mujoco.mju_rotVecQuat(place, np.array([0.03, 0.0, -0.04]), tilt * [1, -1, -1, -1])
+    geom = BOX.replace('pos="0.03 0 -0.04"', f'pos="{" ".join(f"{value:.9f}" for value in place)}" quat="{back}"')
+    robot = with_feet(tmp_path, geom, quat=" ".join(f"{value:.9f}" for value in tilt))
+    # its ankle's axis is the same, so it stands as before
+    left, _ = touching_points(robot, robot.model())
+    in_world = []
+    for point in left:
+        turned = np.empty(3)
+        mujoco.mju_rotVecQuat(turned, point, tilt)
+        in_world.append(turned)
+    np.testing.assert_allclose(sorted(np.round(in_world, 6).tolist()), CORNERS, atol=1e-5)
+
+
 def test_a_cylinder_touches_with_its_lower_rim(tmp_path):
     robot = with_feet(tmp_path, '<geom type="cylinder" size="0.05 0.02" pos="0 0 -0.04"/>')
     left, _ = touching_points(robot, robot.model())

@@ -9,7 +9,7 @@ from plat.keyframes import KeyframeSequence
 from plat.robots import G1
 from plat.spec.timing import Timing
 from plat.studio.pins import preset
-from plat.studio.player import Player, Summary, score
+from plat.studio.player import Player, Summary, score, simulator
 from plat.studio.timeline import Timeline
 from tests.control.puppets import Kicking, Limp, Puppet
 
@@ -28,6 +28,14 @@ def test_steps_are_taken_as_time_passes(sequence):
     player.advance(0.009)
     assert len(player.times) == 15
     assert player.step.time == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("control_dt", [1 / 60, 0.0125, 0.02])
+def test_physics_is_that_of_training_at_any_control_step(control_dt):
+    """60 Hz is no whole number of the description's 5 ms, and was refused after it had been trained."""
+    played = simulator(G1, Puppet(Timing(control_dt=control_dt)))
+    assert played.substeps == 4
+    assert played.model.opt.timestep == pytest.approx(control_dt / 4)
 
 
 def test_a_machine_that_is_too_slow_stretches_time(sequence):

@@ -1,8 +1,11 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
-from plat.robots import G1
+from plat.errors import RobotError
+from plat.robots import G1, get_robot
 from plat.rotations import quat_angle, quat_from_rotvec, quat_multiply
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -106,3 +109,9 @@ def test_feet_become_flat_on_the_floor():
     for foot in FEET:
         quat = POSER.frames(flat)[foot].quat
         assert np.abs(quat[1:3]).max() < 5e-3, "level"
+
+
+def test_a_robot_that_the_studio_cannot_pose_is_told_so():
+    toy = get_robot(Path(__file__).parents[1] / "robots" / "toy.json")
+    with pytest.raises(RobotError, match="robot 'toy': the studio needs the bodies of the G1, and it lacks"):
+        Poser(toy)

@@ -1,6 +1,7 @@
 """What is sent to browsers to draw the scene."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -115,3 +116,11 @@ def test_meshes_are_light_and_keep_their_size():
         assert faces.max() < len(vertices)
         np.testing.assert_allclose(mesh.extents, true.extents, atol=0.006, err_msg=name)
         np.testing.assert_allclose(np.ptp(vertices, axis=0), true.extents, atol=0.012, err_msg=name)
+
+
+def test_a_robot_with_visual_geoms_in_another_group_is_there(tmp_path):
+    """As in Unitree's own file, which has them in group 1."""
+    text = G1.asset_path.read_text()
+    assert 'group="2"' in text
+    (tmp_path / "robot.xml").write_text(text.replace('group="2"', 'group="1"'))
+    assert Bodies(replace(G1, asset=str(tmp_path / "robot.xml"))).names == Bodies(G1).names != []

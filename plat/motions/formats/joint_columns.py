@@ -42,17 +42,19 @@ def robot_columns(names: Sequence[str], count: int, robot: Robot) -> tuple[list[
     roots = [name for name in listed if is_root(name)]
     if len(listed) == count + 1 and len(roots) == 1:
         listed.remove(roots[0])
-    if old := sorted(name for name in listed if set(tokens(name)) >= _OLD):
+    matched = [match_joint(name, robot) for name in listed]
+    # another robot may have such a joint itself
+    unmatched = [name for name, joint in zip(listed, matched, strict=True) if joint is None]
+    if old := sorted(name for name in unmatched if set(tokens(name)) >= _OLD):
         raise MotionError(
             f"it has the joint names {old} of the first G1, whose elbows count from another angle; retarget it to "
             f"{robot.name!r} anew"
         )
-    matched = [match_joint(name, robot) for name in listed]
     found = [joint for joint in matched if joint is not None]
     if twice := sorted({joint for joint in found if found.count(joint) > 1}):
         raise MotionError(f"'joint_names' has {_some(twice)} twice, expected each joint once")
     missing = sorted(set(robot.joint_names) - set(found))
-    unknown = sorted(name for name, joint in zip(listed, matched, strict=True) if joint is None)
+    unknown = sorted(unmatched)
     expected = f"the {robot.num_joints} joints of {robot.name!r}"
     # a name that shares a word with a missing joint may be that joint, and so may one that makes up the number
     words = {word for joint in missing for word in tokens(joint)}

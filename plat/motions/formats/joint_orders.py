@@ -6,6 +6,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.robots.robot import Robot, without_side
+from plat.robots.symmetry import joints_at_zero
 
 __all__ = [
     "JointOrderError",
@@ -36,6 +37,10 @@ _USUAL = {
     "wrist_pitch": (0.0, 0.10),
     "wrist_yaw": (0.0, 0.10),
 }
+# Axes of these joints with all joints at 0, and the cosine of the angle that they are off at most. What bends the other
+# way, such as a knee with negative angles, has other poses.
+_PITCH, _AXES = (0.0, 1.0, 0.0), {"roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
+_AS_MEANT = 0.7
 _MOST = 6.0
 # What a radian beyond the joints' limits costs (summed over joints, mean over frames).
 _BEYOND = 20.0
@@ -110,13 +115,14 @@ def usual_orders(robot: Robot) -> Mapping[str, list[str]]:
 def likely_order(angles: np.ndarray, robot: Robot) -> tuple[list[str], list[str]] | None:
     """Return the joints that columns ``[T, J]`` (rad) are, by the poses that they make, and notes.
 
-    Left and right are not told apart. None for a robot whose usual poses are not known, and for no poses.
+    Left and right are not told apart. None for a robot whose usual poses are not known, as of one with other joints or
+    axes than the G1's, and for no poses.
 
     Raises:
         JointOrderError: where another order than the robot's makes the likelier poses, and not by far.
     """
     own = list(robot.joint_names)
-    if not all(without_side(name) in _USUAL for name in own) or not len(angles) or not np.isfinite(angles).all():
+    if not _poses_are_known(robot) or not len(angles) or not np.isfinite(angles).all():
         return None
     some = angles[:: max(1, len(angles) // _FRAMES)]
     cost = _costs(some, robot)
@@ -148,7 +154,7 @@ def likely_order_of_some(angles: np.ndarray, robot: Robot, kinds: Sequence[Seque
         JointOrderError: where another order than the robot's makes the likelier poses, and not by far.
     """
     own = list(robot.joint_names)
-    if not all(without_side(name) in _USUAL for name in own) or not len(angles) or not np.isfinite(angles).all():
+    if not _poses_are_known(robot) or not len(angles) or not np.isfinite(angles).all():
         return own, ""
     cost = _costs(angles[:: max(1, len(angles) // _FRAMES)], robot)
     orders = {"": own, **usual_orders(robot)}
@@ -165,6 +171,15 @@ def likely_order_of_some(angles: np.ndarray, robot: Robot, kinds: Sequence[Seque
             f"robot {robot.name!r} as with them {best}; name them, in a header or 'joint_names'"
         )
     return orders[best], best
+
+
+def _poses_are_known(robot: Robot) -> bool:
+    """Return whether a robot has the joints of :data:`_USUAL`, and they turn its limbs as they do the G1's."""
+    if not all(without_side(name) in _USUAL for name in robot.joint_names):
+        return False
+    meant = np.array([_AXES.get(name.rsplit("_", 1)[-1], _PITCH) for name in robot.joint_names])
+    axis, _ = joints_at_zero(robot)
+    return bool(((axis * meant).sum(-1) > _AS_MEANT).all())
 
 
 def _costs(angles: np.ndarray, robot: Robot) -> Callable[[list[str]], float]:

@@ -11,6 +11,7 @@ from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.checks.underside import Underside
 from plat.robots.robot import Robot
+from plat.spec.proportions import in_proportion
 from plat.words import counted
 
 __all__ = [
@@ -58,12 +59,13 @@ METERS: dict[Units, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "
 """Meters a unit."""
 
 _HIGHEST = 5.0
-# Nobody's root is higher for half of a motion (m).
+# Nobody's root is higher for half of a motion (m), of a robot whose root stands at 0.76 m.
 _HIGH = 1.6
 # Up component of the root's own up axis, mean over the frames, below which a robot does not stand, and how far the
 # lowest part of one that lies is from the floor (m, median).
 _UPRIGHT, _RESTING = 0.5, 0.04
-# Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m).
+# Legs that reach less than this are folded below a leaning trunk, and no measure of the root's height (m); of a robot
+# whose root stands at 0.76 m.
 _FOLDED = 0.5
 
 
@@ -212,7 +214,7 @@ def _in_shown_unit(
     """Return root positions in meters, from the unit that the motion shows; see :func:`place_in_meters`."""
     largest = np.abs(root_pos).max(initial=0.0)
     median = float(np.median(root_pos[:, 2]))
-    if abs(median) < _HIGH and largest <= _FARTHEST:
+    if abs(median) < in_proportion(_HIGH, soles.robot.root_height) and largest <= _FARTHEST:
         return Converted(root_pos)
     need = leg_height(joint_pos, soles)
     height = median / need
@@ -275,4 +277,4 @@ def leg_height(joint_pos: np.ndarray, soles: Soles) -> float:
     some = joint_pos[np.linspace(0, len(joint_pos) - 1, min(len(joint_pos), 50)).round().astype(int)]
     qpos = np.concatenate((np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(some), 1)), some), 1)
     low = soles.points(torch.from_numpy(qpos))[..., 2].amin((-1, -2))
-    return max(_FOLDED, -float(low.median()))
+    return max(in_proportion(_FOLDED, soles.robot.root_height), -float(low.median()))

@@ -75,7 +75,8 @@ def generate_motions(
     if not 0 < seconds <= LONGEST:
         raise MotionError(f"generated motions: {short(seconds)} s, expected above 0 and at most {LONGEST:,g} s")
     known = {**FAMILIES, **WIDE_FAMILIES}
-    families = tuple(member for name in as_names(families) for member in GROUPS.get(name, (name,)))
+    # each once: a family in two of the names would give clips of one name, the same motion
+    families = tuple(dict.fromkeys(member for name in as_names(families) for member in GROUPS.get(name, (name,))))
     unknown = sorted(set(families) - set(known))
     if unknown:
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted({*known, *GROUPS})}")

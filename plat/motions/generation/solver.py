@@ -54,7 +54,8 @@ class Solver:
         default = torch.from_numpy(self.robot.default_qpos)
         self._weight = 9.81 * float(self._model.body_subtreemass[0])
         self._com_height = float(body.center_of_mass(default[None])[0, 2])
-        hips = [self._model.body(f"{side}_hip_roll_link").id for side in SIDES]
+        joints = [self.robot.joint_names.index(f"{side}_hip_roll") for side in SIDES]
+        hips = [int(self._model.jnt_bodyid[1 + joint]) for joint in joints]  # links have names of their own
         pitch = [self._model.body_pos[self._model.body_parentid[hip]] for hip in hips]
         self._hips = torch.from_numpy(np.stack([self._model.body_pos[h] for h in hips]) + np.stack(pitch))
 

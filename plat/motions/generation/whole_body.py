@@ -19,20 +19,23 @@ _LARGEST_STEP = 0.3  # rad
 
 
 def has_six_joint_legs(robot: Robot) -> bool:
-    """Return whether a robot has the legs that :class:`WholeBody` solves for.
+    """Return whether a robot has the legs that :class:`WholeBody` solves for: six joints on the way to each foot.
 
     >>> from plat.robots import G1
     >>> has_six_joint_legs(G1)
     True
     """
-    return all(f"{side}_{joint}" in robot.joint_names for side in ("left", "right") for joint in _LEG)
+    return all(
+        {f"{side}_{joint}" for joint in _LEG} == {robot.joint_names[joint] for joint in robot.joints_to(foot)}
+        for side, foot in zip(("left", "right"), robot.feet, strict=True)
+    )
 
 
 class WholeBody:
     """Whole-body poses of a robot with two six-joint legs, from given poses of its root and feet.
 
     Args:
-        robot: its leg joints are named like those of the G1.
+        robot: the six joints of its legs are named like those of the G1, in any order from the root to the foot.
 
     >>> from plat.robots import G1
     >>> body = WholeBody(G1)
@@ -44,7 +47,7 @@ class WholeBody:
         self.robot = robot
         model = robot.model()
         self._com = CenterOfMass(robot)
-        self._legs = [_Leg(robot, model, side) for side in ("left", "right")]
+        self._legs = [_Leg(robot, model, foot) for foot in robot.feet]
 
     def solve_legs(
         self,
@@ -88,11 +91,11 @@ class WholeBody:
 class _Leg:
     """Inverse kinematics of a six-joint leg: damped Gauss-Newton with the geometric Jacobian and joint limits."""
 
-    def __init__(self, robot: Robot, model: mujoco.MjModel, side: str):
-        self._joints = [robot.joint_names.index(f"{side}_{joint}") for joint in _LEG]
+    def __init__(self, robot: Robot, model: mujoco.MjModel, foot: str):
+        self._joints = robot.joints_to(foot)
         # a joint's body is the one it moves; its origin lies on the axis
         bodies = [model.body(int(model.jnt_bodyid[joint + 1])).name for joint in self._joints]
-        self._kinematics = ForwardKinematics(robot, tuple(bodies))
+        self._kinematics = ForwardKinematics(robot, (*bodies, foot))
         self._axis = torch.from_numpy(model.jnt_axis[[joint + 1 for joint in self._joints]])
         self._range = torch.from_numpy(model.jnt_range[[joint + 1 for joint in self._joints]])
 
@@ -111,8 +114,8 @@ class _Leg:
         rows = torch.arange(len(joint_pos))  # frames that still move
         for _ in range(_ITERATIONS):
             pos, quat, error = self._off(*(t[rows] for t in (root_pos, root_quat, foot_pos, foot_quat, joint_pos)))
-            axis = quat_rotate(quat, self._axis)  # (n, 6, 3), world
-            lever = pos[:, -1:] - pos
+            axis = quat_rotate(quat[:, :-1], self._axis)  # (n, 6, 3), world
+            lever = pos[:, -1:] - pos[:, :-1]
             jacobian = torch.cat((torch.linalg.cross(axis, lever), axis), -1).transpose(-1, -2)  # (n, 6, 6)
             jacobian, error = weight[rows, :, None] * jacobian, weight[rows] * error
             angle = joint_pos[rows][:, self._joints]
@@ -133,7 +136,7 @@ class _Leg:
     def _off(
         self, root_pos: Tensor, root_quat: Tensor, foot_pos: Tensor, foot_quat: Tensor, joint_pos: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the poses of the leg's six bodies, and the foot's error ``[n, 6]`` (m, rotation vector in rad)."""
+        """Return the poses of the leg's six bodies and the foot, and the foot's error ``[n, 6]`` (m, and rad)."""
         pos, quat = self._kinematics(root_pos, root_quat, joint_pos)
         turn = quat_to_rotvec(quat_multiply(foot_quat, quat_conjugate(quat[:, -1])))
         return pos, quat, torch.cat((foot_pos - pos[:, -1], turn), -1)

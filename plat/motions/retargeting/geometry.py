@@ -58,8 +58,12 @@ class RobotGeometry:
         return float(-self.sole[:, 2].min())
 
     @classmethod
-    def of(cls, robot: Robot) -> "RobotGeometry":
+    def of(cls, robot: Robot, what: str = "retargeting") -> "RobotGeometry":
         """Measure a robot that has the bodies of the G1.
+
+        Args:
+            robot: the robot.
+            what: needs them; stands in the message.
 
         Raises:
             RobotError: naming bodies that are missing.
@@ -72,9 +76,7 @@ class RobotGeometry:
         model = robot.shared_model
         known = {model.body(number).name for number in range(model.nbody)}
         if missing := sorted({*TRACKED.values(), *_LIMBS} - known):
-            raise RobotError(
-                f"robot {robot.name!r}: retargeting needs the bodies of the G1, and it lacks {missing[:3]}"
-            )
+            raise RobotError(f"robot {robot.name!r}: {what} needs the bodies of the G1, and it lacks {missing[:3]}")
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
 

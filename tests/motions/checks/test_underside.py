@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
+import pytest
 
 from plat.motions import MotionClip, ground_feet, validate_motion
 from plat.motions.checks.underside import Underside
@@ -48,3 +51,46 @@ def test_the_part_that_is_under_the_floor_is_named():
     report = validate_motion(MotionClip("sunk", lying(-0.1), 30.0))
     assert report.verdict in ("repair", "drop")
     assert any("10.0 cm under the floor" in reason and "foot" not in reason for reason in report.reasons)
+
+
+FOOT = "-.06 -.04 -.04  -.06 .04 -.04  .12 -.04 -.04  .12 .04 -.04  -.02 -.02 .1  -.02 .02 .1  .02 -.02 .1  .02 .02 .1"
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        'type="mesh" mesh="foot"',
+        'type="cylinder" size=".05 .04" pos="0 0 -.01"',
+        'type="ellipsoid" size=".1 .05 .03" pos=".02 0 -.01"',
+        'type="box" size=".1 .05 .03" pos=".02 0 -.01"',
+    ],
+)
+def test_the_lowest_point_of_every_shape_is_its_own(tmp_path, shape):
+    """A box about the middle of a mesh's mass went centimeters below a sole that it is above."""
+    spec = G1.spec()
+    spec.delete(spec.geom("floor"))
+    for foot in G1.feet:
+        for geom in list(spec.body(foot).geoms):
+            spec.delete(geom)
+    spec.compile()
+    text = spec.to_xml().replace("<asset>", f'<asset><mesh name="foot" vertex="{FOOT}"/>')
+    for foot in G1.feet:
+        head, body, tail = text.partition(f'<body name="{foot}"')
+        text = head + body + tail.replace("</body>", f"<geom {shape}/></body>", 1)
+    (tmp_path / "robot.xml").write_text(text)
+    robot = replace(G1, asset=str(tmp_path / "robot.xml"))
+    model, rng = robot.model(), np.random.default_rng(0)
+    data, underside = mujoco.MjData(model), Underside(robot)
+    qpos = np.tile(robot.default_qpos, (20, 1))
+    qpos[:, 2] = 3.0
+    qpos[1:, 3:7] = rng.normal(size=(19, 4))
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    floor = model.geom("floor").id
+    for pose, heights in zip(qpos, underside.heights(qpos), strict=True):
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        for foot in robot.feet:
+            (geom,) = (geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == model.body(foot).id)
+            distance = mujoco.mj_geomDistance(model, data, geom, floor, 10.0, None)
+            assert heights[underside.bodies.index(foot)] == pytest.approx(distance, abs=1e-4)
+        assert underside.lowest(data)[0] == pytest.approx(heights.min(), abs=1e-6)

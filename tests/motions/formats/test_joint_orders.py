@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -45,6 +46,18 @@ def test_orders_of_a_robot_without_a_waist_differ_from_each_other():
 
 def test_the_robot_s_own_order_needs_no_word():
     assert likely_order(ANGLES, G1) == (OWN, [])
+
+
+def test_poses_say_nothing_of_a_robot_whose_joints_turn_the_other_way(tmp_path):
+    """A knee with negative angles: its bows were as likely with the waist first."""
+    text = G1.asset_path.read_text()
+    for side in ("left", "right"):
+        knee = f'<joint name="{side}_knee_joint" class="m7520_22" axis="0 1 0" range="-0.087267 2.8798"/>'
+        assert knee in text
+        text = text.replace(knee, knee.replace("0 1 0", "0 -1 0").replace("-0.087267 2.8798", "-2.8798 0.087267"))
+    (tmp_path / "robot.xml").write_text(text)
+    pose = {name: -angle if "knee" in name else angle for name, angle in G1.default_pose.items()}
+    assert likely_order(ANGLES, replace(G1, asset=str(tmp_path / "robot.xml"), default_pose=pose)) is None
 
 
 @pytest.mark.parametrize("label", usual_orders(G1))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_motions
+from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv, save_motions
 from plat.motions.clip import ASSUMED_RATE
 from plat.robots import G1
 from tests.motions.formats.writers import (
@@ -412,6 +412,22 @@ def test_joints_of_other_bodies_are_refused(tmp_path, names, message):
     np.savez(tmp_path / "a.npz", qpos=bowing_clip().qpos, joint_names=names, fps=50)
     with pytest.raises(MotionError, match=message):
         load_motions(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["npz", "csv"])
+def test_a_robot_with_elbows_that_roll_reads_what_it_has_written(tmp_path, form):
+    """They were taken for those of the first G1."""
+    text = G1.asset_path.read_text().replace("_elbow_joint", "_elbow_roll_joint")
+    (tmp_path / "robot.xml").write_text(text)
+    pose = {name.replace("elbow", "elbow_roll"): angle for name, angle in G1.default_pose.items()}
+    robot = replace(G1, name="rolling", asset=str(tmp_path / "robot.xml"), default_pose=pose)
+    clip = bowing_clip()
+    if form == "npz":
+        save_motions(tmp_path / "a.npz", [clip], robot)
+    else:
+        save_csv(tmp_path, clip, robot)
+    (read,) = load_motions(f"{tmp_path}/*.{form}", robot)
+    np.testing.assert_allclose(read.qpos, clip.qpos, atol=1e-5)
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])

@@ -1,12 +1,15 @@
 import re
+from dataclasses import replace
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles
 from plat.motions.formats.units import angles_in_radians, place_in_meters, unit_quaternions
-from plat.robots import G1
+from plat.robots import G1, get_robot
 from tests.motions.formats.writers import bowing_clip
 
 SOLES = Soles(G1)
@@ -171,3 +174,24 @@ def test_who_lies_on_the_floor_in_no_unit_is_doubtful():
         place_in_meters(place, quat, joints, SOLES, "pos"),
     ):
         assert (found.notes, found.doubt) == ((), "")
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(100, "centimeters"), (1000, "millimeters"), (1 / 0.0254, "inches"), (1 / 0.3048, "feet")]
+)
+def test_places_of_a_small_robot_in_other_units(tmp_path, factor, unit):
+    """It stands at 0.3 m: 0.98 feet were taken for meters, 30 cm for inches."""
+    toy = get_robot(Path(__file__).parents[2] / "robots" / "toy.json")
+    spec = mujoco.MjSpec.from_file(str(toy.asset_path))
+    for part in (*spec.bodies, *spec.geoms):
+        part.pos = 0.42 * part.pos
+    for geom in spec.geoms:
+        geom.size, geom.fromto = 0.42 * geom.size, 0.42 * geom.fromto
+    spec.compile()
+    (tmp_path / "robot.xml").write_text(spec.to_xml())
+    small = replace(toy, name="small", asset=str(tmp_path / "robot.xml"), root_height=0.42 * toy.root_height)
+    qpos = np.tile(small.default_qpos, (40, 1))
+    place = qpos[:, :3] + [[0.2, 0.0, 0.0]]
+    found = place_in_meters(factor * place, qpos[:, 3:7], qpos[:, 7:], Soles(small), "pos")
+    assert found.notes[0].startswith(f"root position in {unit}: ")
+    np.testing.assert_allclose(found.values, place, atol=1e-9)

@@ -1,4 +1,6 @@
 import logging
+import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -50,6 +52,26 @@ def test_a_longer_set_holds_the_same_clips(twenty_seconds):
     short, long = generate_motions("val", seconds=6), twenty_seconds
     assert len(long) > len(short)
     assert all(np.array_equal(a.qpos, b.qpos) for a, b in zip(short, long, strict=False))
+
+
+def test_a_family_that_two_names_ask_for_comes_once():
+    names = [clip.name for clip in generate_named("generated:val/hop+bow+hop@8")]
+    assert len(names) == len(set(names)) > 1
+
+
+def test_links_may_have_names_of_their_own(tmp_path):
+    spec = G1.spec()
+    spec.delete(spec.geom("floor"))
+    spec.compile()
+    (tmp_path / "robot.xml").write_text(re.sub(r"([a-z_]+)_link\b", r"\1_body", spec.to_xml()))
+    named = {
+        field: tuple(body.replace("_link", "_body") for body in getattr(G1, field))
+        for field in ("keypoints", "end_effectors", "feet")
+    }
+    anchor = G1.anchor.replace("_link", "_body")
+    renamed = replace(G1, name="renamed", asset=str(tmp_path / "robot.xml"), anchor=anchor, **named)
+    (clip,), (same,) = (generate_motions("val", 0.1, ("bow",), robot) for robot in (renamed, G1))
+    np.testing.assert_allclose(clip.qpos, same.qpos, atol=1e-5)
 
 
 def test_splits_share_no_motion():
