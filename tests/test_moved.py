@@ -19,6 +19,25 @@ def test_old_paths_are_the_new_modules_and_warn(old: str) -> None:
     assert new.__spec__.name == own_name == MOVED[old]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "version"),
+    [
+        ("plat.motions.retargeting.solver", "plat.motions.retargeting.inverse_kinematics", "0.4"),
+        ("plat.envs.motions.retargeting.solver", "plat.motions.retargeting.inverse_kinematics", "0.3"),
+        ("plat.envs.motions.formats.table", "plat.motions.formats.text_tables", "0.3"),
+    ],
+)
+def test_one_warning_says_where_a_module_is_and_until_when(old: str, new: str, version: str) -> None:
+    sys.modules.pop(old, None)
+    with pytest.warns(FutureWarning) as warned:
+        alias = importlib.import_module(old)
+    # packages above it have warnings of their own
+    assert [str(one.message) for one in warned if new in str(one.message)] == [
+        f"{old} is now {new}; the old name goes with version {version}"
+    ]
+    assert alias is importlib.import_module(new)
+
+
 def test_submodules_are_not_run_again() -> None:
     import plat.runs.budget
 
