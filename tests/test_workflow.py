@@ -77,6 +77,8 @@ def test_before_a_commit_the_lowest_ruff_checks():
     (rev,) = (one["rev"] for one in hooks if one["repo"].endswith("/ruff-pre-commit"))
     (bound,) = (one for one in PROJECT["optional-dependencies"]["dev"] if one.startswith("ruff"))
     assert version(rev.removeprefix("v"))[:2] == version(bound.removeprefix("ruff>="))
+    (lint,) = (step for step in JOB["steps"] if step.get("name") == "Lint")
+    assert "if" not in lint  # so that the lowest one is tried, too
 
 
 def test_text_files_end_with_a_line_break():
