@@ -1,4 +1,4 @@
-"""Old import paths of modules that have moved: they work for one more release, with a warning.
+"""Old import paths of modules that have moved: they work for one more minor version, with a warning.
 
 An alias is the new module itself, so classes are the same objects under both names.
 """
@@ -13,7 +13,7 @@ from types import ModuleType
 
 __all__ = ["MOVED", "MOVED_NAMES", "install", "moved_name"]
 
-MOVED = {
+_OF_0_1 = {
     "plat.envs.layout": "plat.spec.observation",
     "plat.envs.motions.feet": "plat.motions.checks.feet",
     "plat.envs.motions.collision": "plat.motions.checks.collision",
@@ -45,7 +45,19 @@ MOVED = {
     "plat.rendering.success": "plat.figures.success",
     "plat.objectives.precision": "plat.precision",
 }
-"""Where modules of version 0.1 are now; what lies below a package has moved with it."""
+_OF_0_2 = {
+    "plat.envs.transforms.metrics": "plat.envs.transforms.tracking_errors",
+    "plat.motions.formats.names": "plat.motions.formats.spellings",
+    "plat.motions.formats.table": "plat.motions.formats.text_tables",
+    "plat.motions.generation.balance": "plat.motions.generation.zero_moment_point",
+    "plat.motions.generation.curves": "plat.motions.generation.interpolation",
+    "plat.motions.retargeting.axes": "plat.motions.retargeting.capture_axes",
+    "plat.motions.retargeting.feet": "plat.motions.retargeting.planted_feet",
+    "plat.motions.retargeting.solver": "plat.motions.retargeting.inverse_kinematics",
+    "plat.spec.page": "plat.spec.observation_page",
+}
+MOVED = {**_OF_0_1, **_OF_0_2}
+"""Where modules of versions 0.1 and 0.2 are now; what lies below a package has moved with it."""
 
 
 MOVED_NAMES = {
@@ -70,7 +82,8 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
         assert spec.origin is not None
-        message = f"{spec.name} is now {spec.origin}; the old name goes with version 0.3"
+        goes_with = "0.4" if spec.name in _OF_0_2 else "0.3"
+        message = f"{spec.name} is now {spec.origin}; the old name goes with version {goes_with}"
         warnings.warn(message, FutureWarning, stacklevel=2)
         module = importlib.import_module(spec.origin)
         spec.loader_state = module.__spec__
@@ -85,7 +98,8 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 def _new_name(name: str) -> str | None:
     for old, new in MOVED.items():
         if name == old or name.startswith(f"{old}."):
-            return new + name.removeprefix(old)
+            found = new + name.removeprefix(old)
+            return _new_name(found) or found  # what moved twice is told where it is, not where it was
     return None
 
 

@@ -1,6 +1,8 @@
 import importlib
 import subprocess
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +19,44 @@ def test_old_paths_are_the_new_modules_and_warn(old: str) -> None:
         alias = importlib.import_module(old)
     assert alias is new
     assert new.__spec__.name == own_name == MOVED[old]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "version"),
+    [
+        ("plat.motions.retargeting.solver", "plat.motions.retargeting.inverse_kinematics", "0.4"),
+        ("plat.envs.motions.retargeting.solver", "plat.motions.retargeting.inverse_kinematics", "0.3"),
+        ("plat.envs.motions.formats.table", "plat.motions.formats.text_tables", "0.3"),
+    ],
+)
+def test_one_warning_says_where_a_module_is_and_until_when(old: str, new: str, version: str) -> None:
+    sys.modules.pop(old, None)
+    with pytest.warns(FutureWarning) as warned:
+        alias = importlib.import_module(old)
+    # packages above it have warnings of their own
+    assert [str(one.message) for one in warned if new in str(one.message)] == [
+        f"{old} is now {new}; the old name goes with version {version}"
+    ]
+    assert alias is importlib.import_module(new)
+
+
+OF_0_2 = dict(
+    line.partition(": ")[::2] for line in Path(__file__).with_name("names_of_0_2.txt").read_text().splitlines()
+)
+"""Names that packages of 0.2.0 exported, by the package; modules, which export none here, are listed as well."""
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+def test_modules_of_the_version_before_can_be_imported() -> None:
+    assert len(OF_0_2) > 200
+    assert [name for name in OF_0_2 if find_spec(name) is None] == []
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+@pytest.mark.parametrize("package", [package for package, names in OF_0_2.items() if names])
+def test_names_of_the_version_before_are_where_they_were(package: str) -> None:
+    module = importlib.import_module(package)
+    assert [name for name in OF_0_2[package].split() if not hasattr(module, name)] == []
 
 
 def test_submodules_are_not_run_again() -> None:

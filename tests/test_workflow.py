@@ -1,4 +1,4 @@
-"""The workflow of continuous integration runs what the Makefile runs, on Pythons that the package allows."""
+"""What checks a change, in continuous integration and before a commit, agrees with the Makefile and the package."""
 
 import re
 import tomllib
@@ -69,6 +69,25 @@ def test_tools_know_the_lowest_python(field):
         "Makefile": ".".join(re.findall(r"version_info >= \((\d+), (\d+)\)", (ROOT / "Makefile").read_text())[0]),
     }
     assert said[field] == lowest
+
+
+def test_before_a_commit_the_lowest_ruff_checks():
+    # whoever has a newer one is asked for nothing that this one refuses
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    (rev,) = (one["rev"] for one in hooks if one["repo"].endswith("/ruff-pre-commit"))
+    (bound,) = (one for one in PROJECT["optional-dependencies"]["dev"] if one.startswith("ruff"))
+    assert version(rev.removeprefix("v"))[:2] == version(bound.removeprefix("ruff>="))
+    (lint,) = (step for step in JOB["steps"] if step.get("name") == "Lint")
+    assert "if" not in lint  # so that the lowest one is tried, too
+
+
+def test_text_files_end_with_a_line_break():
+    folders = ("benchmarks", "docs", "examples", "plat", "recipes", "tests", ".github")
+    kinds = {".cff", ".cpp", ".css", ".csv", ".js", ".json", ".md", ".mjs", ".py", ".svg", ".toml", ".yaml", ".yml"}
+    files = [*ROOT.glob("*"), *(path for folder in folders for path in (ROOT / folder).rglob("*"))]
+    content = {path: path.read_bytes() for path in files if path.suffix in kinds and path.is_file()}
+    assert len(content) > 800
+    assert [path for path, text in content.items() if text and (text[-1:] != b"\n" or text.endswith(b"\n\n"))] == []
 
 
 def version(text: str) -> tuple[int, ...]:

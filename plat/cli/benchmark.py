@@ -254,9 +254,10 @@ def about(recipe: BenchmarkRecipe, candidates: Mapping[Candidate, Entrant], sets
 
 def write_about(folder: Path, told: dict[str, Any]) -> None:
     """Write what a benchmark says of itself; tables and figures of one that said something else are removed."""
-    text = json.dumps(told, indent=1)
+    text = json.dumps(told, indent=1) + "\n"
     path = folder / ABOUT
-    if path.exists() and path.read_bytes() != text.encode():
+    # one that was begun without a line break at the end goes on
+    if path.exists() and path.read_bytes().rstrip() != text.encode().rstrip():
         (folder / "benchmark.md").unlink(missing_ok=True)
         for name, *_ in told["sets"]:
             _remove(folder / name, (*TABLES, *FIGURES))

@@ -229,6 +229,8 @@ def _copy_library(source: Path, target: Path, version: str, files: tuple[str, ..
             f"{str(source)!r}: version {found or 'none'} of {source.name!r}, expected {version}: "
             f"npm install {' '.join(f'{name}@{wanted}' for name, (wanted, _) in LIBRARIES.items())}"
         )
-    for file in files:
+    # whoever publishes the page passes the library on, which its license allows with that license beside it
+    licenses = [path.name for path in source.glob("LICEN[CS]E*") if path.is_file()]
+    for file in (*files, *licenses):
         (target / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / file, target / file)

@@ -350,6 +350,17 @@ def test_tables_and_pictures_of_others_stay(tmp_path):
     assert {path.name for path in (tmp_path / "val").iterdir()} == {"mine.csv", "photo.png", "paper.pdf"}
 
 
+def test_tables_stay_where_the_same_is_told(tmp_path):
+    told = {"sets": [["val"]], "seed": 1}
+    (tmp_path / "val").mkdir()
+    (tmp_path / "val" / "scores.csv").touch()
+    for text in (json.dumps(told, indent=1), json.dumps(told, indent=1) + "\n"):
+        (tmp_path / "about.json").write_text(text)
+        benchmark.write_about(tmp_path, told)
+        assert (tmp_path / "val" / "scores.csv").exists()
+        assert (tmp_path / "about.json").read_text() == json.dumps(told, indent=1) + "\n"
+
+
 @pytest.mark.parametrize(
     ("flag", "path", "out"),
     [

@@ -136,6 +136,19 @@ def test_without_libraries_the_page_links_them(tmp_path):
         assert (tmp_path / "page" / name).stat().st_size > 0
 
 
+def test_libraries_keep_their_licenses(tmp_path):
+    installed, copied = tmp_path / "node_modules", tmp_path / "page" / "libraries"
+    for name, (version, files) in LIBRARIES.items():
+        for file in (*files, "LICENSE", "README.md"):
+            (installed / name / file).parent.mkdir(parents=True, exist_ok=True)
+            (installed / name / file).touch()
+        (installed / name / "package.json").write_text(json.dumps({"version": version}))
+    write_static(tmp_path / "page", G1, {}, Timing(), installed)
+    for name, (_, files) in LIBRARIES.items():
+        found = {path.relative_to(copied / name).as_posix() for path in (copied / name).rglob("*") if path.is_file()}
+        assert found == {*files, "LICENSE"}
+
+
 def test_policies_of_all_names_are_written_and_nothing_beside_them(tmp_path, quick_exports):
     runs = {"a/plat": "plat-g1", "/b/plat": "imagined-g1", "..": "plat-g1", "#1 100%?": "plat-g1"}
     write_static(tmp_path / "page", G1, {name: Path(run) for name, run in runs.items()}, Timing())
