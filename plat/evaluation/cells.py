@@ -16,14 +16,14 @@ from typing import Any, TypeAlias
 import torch
 
 from plat.collectors.worker import for_workers
-from plat.envs.physics import available_cpus
 from plat.errors import ActionError, RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
+from plat.files import clear_parts
 from plat.motions.library import MotionLibrary
-from plat.pools import HelperPool, told_if_killed
+from plat.pools import HelperPool, available_cpus, may_start_processes, told_if_killed
 from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
@@ -161,7 +161,8 @@ def evaluate_cells(
         cells: of the comparison.
         library: motions.
         folder: for the records; None keeps nothing.
-        workers: processes; None for one a core where there is enough to do. The records do not depend on it.
+        workers: processes; None for one a core where there is enough to do, and none beside this one where it may not
+            start any. The records do not depend on it.
         modules: that the processes import first, see :func:`plat.runs.user_modules.import_modules`.
         what: name of the work in the progress.
 
@@ -174,6 +175,7 @@ def evaluate_cells(
         total = sum(desk.steps(cell, number) for cell, number in missing)
         # a process takes seconds to start
         count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
+        count = count if may_start_processes() else 1
         with Progress(what, total, "control steps") as progress:
             if count > 1:
                 yield from _on_processes(cells, missing, desk, scratch, count, modules, progress)
@@ -186,6 +188,7 @@ class _Desk:
 
     def __init__(self, folder: Path, library: MotionLibrary):
         self.folder, self.library = folder, library
+        clear_parts(folder)
         self._marks = motions_fingerprint(library), robot_fingerprint(library.robot)
 
     def about(self, cell: Cell) -> dict[str, Any]:
@@ -229,13 +232,25 @@ class _Desk:
         return [number for number in range(len(self.parts(cell))) if self.read(cell, self.part(cell, number)) is None]
 
     def finished(self, cell: Cell) -> Records:
-        """Return a cell's records, and leave one file of them."""
+        """Return a cell's records, and leave one file of them.
+
+        Raises:
+            RecordsError: when they are not there any more.
+        """
         records = self.read(cell, self.whole(cell))
         paths = [self.part(cell, number) for number in range(len(self.parts(cell)))]
         if records is None:
             parts = [self.read(cell, path) for path in paths]
-            records = cell.joined(parts)
-            records.save(self.whole(cell), self.about(cell))
+            if None not in parts:
+                records = cell.joined(parts)
+                records.save(self.whole(cell), self.about(cell))
+            else:  # a process with the same cell may have been first
+                records = self.read(cell, self.whole(cell))
+        if records is None:
+            raise RecordsError(
+                f"{str(self.whole(cell))!r}: records of it are gone, or of other conditions: another process writes "
+                "into the folder; wait until it ends, or choose another folder"
+            )
         for path in paths:
             path.unlink(missing_ok=True)
         return records
@@ -273,7 +288,8 @@ def _on_processes(
     motions = scratch / "motions.pt"
     with for_workers(scratch):
         torch.save(desk.library.to("cpu"), motions)
-    with HelperPool(count, _begin, motions, tuple(modules), registered_robots()) as pool:
+    told = told_if_killed("with --out, what is done is kept")
+    with told, HelperPool(count, _begin, motions, tuple(modules), registered_robots()) as pool:
         futures: dict[str, list[Future[None]]] = {}
         for cell, number in missing:
             job = (cell, desk.parts(cell)[number], desk.part(cell, number), desk.about(cell))
@@ -281,9 +297,8 @@ def _on_processes(
             future.add_done_callback(functools.partial(_told, progress, desk.steps(cell, number)))
             futures.setdefault(cell.stem, []).append(future)
         for cell in cells:
-            with told_if_killed("with --out, what is done is kept"):
-                for future in futures.pop(cell.stem, []):
-                    future.result()
+            for future in futures.pop(cell.stem, []):
+                future.result()
             yield cell, desk.finished(cell)
 
 
