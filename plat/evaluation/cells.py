@@ -21,7 +21,7 @@ from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
-from plat.files import clear_parts
+from plat.files import clear_parts, readable
 from plat.motions.library import MotionLibrary
 from plat.pools import HelperPool, available_cpus, may_start_processes, told_if_killed
 from plat.progress import Progress
@@ -187,6 +187,10 @@ class _Desk:
     """Files of an evaluation: those of whole cells, and those of parts that wait for the rest of their cell."""
 
     def __init__(self, folder: Path, library: MotionLibrary):
+        if readable(str(folder)) != str(folder):
+            raise RecordsError(
+                f"{str(folder)!r}: its name is no UTF-8, records cannot be read from there: choose another"
+            )
         self.folder, self.library = folder, library
         clear_parts(folder)
         self._marks = motions_fingerprint(library), robot_fingerprint(library.robot)

@@ -1,5 +1,6 @@
 import errno
 import functools
+import os
 import signal
 import tempfile
 from collections.abc import Callable
@@ -187,6 +188,13 @@ def test_a_daemon_evaluates_in_its_own_process(candidate, clips, parts_of_two, c
     monkeypatch.setattr(cells, "may_start_processes", lambda: False)
     list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=2))
     assert len(counted) == 3
+
+
+def test_a_folder_that_records_cannot_be_read_from_is_refused_before_the_work(candidate, clips, counted, tmp_path):
+    folder = tmp_path / os.fsdecode(b"K\xf6ln")
+    with pytest.raises(RecordsError, match=r"K\\udcf6ln': its name is no UTF-8"):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
+    assert counted == []
 
 
 def test_what_a_killed_evaluation_was_writing_is_removed(candidate, clips, tmp_path):
