@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from plat.errors import ConfigError, WorkerError
+from plat.scratch import Scratch
 
 __all__ = [
     "HelperPool",
@@ -139,9 +141,14 @@ class HelperPool(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int, begin: Callable[..., object], *arguments: object):
+        # not by the pipe of a spawned process: more than it takes at a time is waited for until Python has imported
+        # what it is made of there, and for ever where the process is killed meanwhile
+        self._scratch = Scratch("plat-pool-")
+        path = self._scratch.path / "begin.pickle"
+        path.write_bytes(pickle.dumps((begin, arguments)))
         # forked children inherit torch's thread pool in a state that can hang them
         spawn = multiprocessing.get_context("spawn")
-        super().__init__(workers, spawn, initializer=_begin, initargs=(begin, arguments))
+        super().__init__(workers, spawn, initializer=_begin, initargs=(path,))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Submit a call, as the pool of Python does; it starts its processes here."""
@@ -157,10 +164,12 @@ class HelperPool(ProcessPoolExecutor):
             for process in processes:
                 process.terminate()
         self.shutdown()
+        self._scratch.remove()
 
 
-def _begin(begin: Callable[..., object], arguments: tuple[object, ...]) -> None:
+def _begin(path: Path) -> None:
     begin_helper()  # a pool's processes would wait for ever
+    begin, arguments = pickle.loads(path.read_bytes())
     begin(*arguments)
 
 

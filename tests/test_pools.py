@@ -15,6 +15,7 @@ from plat import pools
 from plat.cli.options import Retarget
 from plat.errors import WorkerError
 from plat.pools import HelperPool, available_cpus, may_start_processes, told_if_killed
+from tests.in_process import in_time
 
 
 def test_a_process_that_was_killed_is_one_line():
@@ -24,6 +25,16 @@ def test_a_process_that_was_killed_is_one_line():
         HelperPool(1, int) as pool,
     ):
         pool.submit(os._exit, 9).result()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are others")
+def test_a_process_that_is_killed_while_it_begins_is_one_line(killed_at_birth):
+    """What it is given is larger than a pipe: the pool waited for ever until it would have been read."""
+    with pytest.raises(WorkerError, match="a worker process was killed"):
+        pool = HelperPool(1, len, bytes(1 << 20))
+        (future,) = in_time(lambda: pool.submit(abs, -1))
+        with told_if_killed(), pool:
+            future.result(60)
 
 
 def _as_it_began(folder: str) -> None:
