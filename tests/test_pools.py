@@ -30,11 +30,10 @@ def test_a_process_that_was_killed_is_one_line():
 @pytest.mark.skipif(os.name != "posix", reason="signals are others")
 def test_a_process_that_is_killed_while_it_begins_is_one_line(killed_at_birth):
     """What it is given is larger than a pipe: the pool waited for ever until it would have been read."""
-    with pytest.raises(WorkerError, match="a worker process was killed"):
-        pool = HelperPool(1, len, bytes(1 << 20))
-        (future,) = in_time(lambda: pool.submit(abs, -1))
-        with told_if_killed(), pool:
-            future.result(60)
+    pool = HelperPool(1, len, bytes(1 << 20))
+    (future,) = in_time(lambda: pool.submit(abs, -1))
+    with pytest.raises(WorkerError, match="a worker process was killed"), told_if_killed(), pool:
+        future.result(60)
 
 
 def _as_it_began(folder: str) -> None:
