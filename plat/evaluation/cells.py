@@ -155,7 +155,8 @@ def evaluate_cells(
 
     A cell is evaluated in parts of :data:`PART` clips, spread over processes. With a folder, finished parts are kept
     there: an evaluation that was stopped goes on where it was, and finished cells are not evaluated again. Progress is
-    shown on standard error. The signal TERM ends it as Ctrl-C does, and its processes end with it in any case.
+    shown on standard error. The signal TERM and a terminal that is closed end it as Ctrl-C does, and its processes end
+    with it in any case.
 
     Args:
         cells: of the comparison.
@@ -332,15 +333,19 @@ def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> No
 
 @contextmanager
 def _stopped_by_term() -> Iterator[None]:
-    """Raise :class:`KeyboardInterrupt` at the signal TERM, where it would end this process without cleaning up."""
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    if ours:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Raise :class:`KeyboardInterrupt` at the signals TERM and HUP, where they would end this process as it is."""
+    ours = []
+    if threading.current_thread() is threading.main_thread():
+        known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        ours = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        if ours and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if threading.current_thread() is threading.main_thread():
+            for number in ours:
+                signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager

@@ -205,12 +205,13 @@ def test_what_a_killed_evaluation_was_writing_is_removed(candidate, clips, tmp_p
     assert [path.name for path in folder.iterdir()] == ["a_plain-short.safetensors"]
 
 
-def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)])
+def test_signals_stop_as_ctrl_c_does(number, candidate, clips, tmp_path, monkeypatch):
     scratch: list[Path] = []
 
     def terminated(self, entrant, library, **options):
         scratch.extend(tmp_path.glob("plat-evaluation-*"))
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(Cell, "evaluate", terminated)
@@ -218,7 +219,7 @@ def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkey
         list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1))
     assert len(scratch) == 1
     assert not scratch[0].exists()
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_a_full_disk_under_the_motions_for_processes_is_one_line(candidate, clips, parts_of_two, monkeypatch):
