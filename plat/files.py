@@ -3,11 +3,17 @@
 import codecs
 import csv
 import errno
+import functools
+import hashlib
 import os
 import re
+import secrets
 import shutil
+import socket
+import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -37,6 +43,10 @@ __all__ = [
 
 # of a text, from which its encoding is known
 _BYTES_SEEN = 1000
+# of a name and an ending, in the name of the file beside it: disks take names of 255 bytes
+_MOST_LETTERS, _LONGEST_ENDING = 40, 16
+# what a process of another machine was writing is taken for given up (s)
+_GIVEN_UP = 86400.0
 # where Windows locks a byte: beyond what is written, which others could not read otherwise
 _LOCKED_BYTE = 4096
 
@@ -45,7 +55,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Replace the file at ``path`` in one step by what ``write`` puts into a file beside it.
 
     The file beside it ends in the same suffix. Folders that are missing are made. Whatever ``write`` raises goes
-    through, and the file that was there is intact.
+    through, and the file that was there is intact. Its permissions are kept; a new one has those of any new file.
 
     Raises:
         OutputError: for a folder or a device.
@@ -63,12 +73,11 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     try:
         refuse_null(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        prefix = f".{path.name}-{os.getpid()}-"
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=f".part{path.suffix}")
-        os.close(descriptor)
-        part = Path(name)
+        part = _made_beside(path)
+        mode = stat.S_IMODE((path if path.exists() else part).stat().st_mode)
         write(part)
-        part.chmod(0o644)
+        with suppress(OSError):  # file systems without permissions
+            part.chmod(mode)
         part.replace(path)
     except OSError as error:
         # that of a full disk names no file, and others name the file beside it
@@ -78,6 +87,24 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if part is not None:
             part.unlink(missing_ok=True)
+
+
+def _made_beside(path: Path) -> Path:
+    """Make an empty file with a name of its own beside one; the name says by which process of which machine."""
+    ending = path.suffix if len(path.suffix) <= _LONGEST_ENDING else ""
+    while True:
+        name = f".{path.name[:_MOST_LETTERS]}-{os.getpid()}-{secrets.token_hex(4)}.{_machine()}.part{ending}"
+        part = path.with_name(name)
+        with suppress(FileExistsError):
+            # not by tempfile: its files are the user's alone
+            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            return part
+
+
+@functools.cache
+def _machine() -> str:
+    """Return a mark of this machine, or container: numbers of processes are of one."""
+    return hashlib.blake2b(socket.gethostname().encode(), digest_size=4).hexdigest()
 
 
 def refuse_null(path: Path) -> None:
@@ -121,13 +148,17 @@ def copy_file(source: Path, path: Path, what: str) -> None:
 def clear_parts(folder: Path) -> None:
     """Remove from a folder what killed processes were writing with :func:`replace_file`; those that live go on.
 
+    Of processes on other machines that share the folder nobody knows: theirs are removed after a day.
+
     >>> clear_parts(Path("/nowhere"))
     """
     for part in folder.glob(".*-*-*.part*"):
-        found = re.search(r"-(\d+)-\w+\.part", part.name)
-        if found and not _is_alive(int(found[1])):
+        # what stands last: the name of the file may hold the like
+        if found := re.match(r".*-(\d+)-\w+(?:\.([0-9a-f]{8}))?\.part", part.name, re.DOTALL):
             with suppress(OSError):
-                part.unlink()
+                ours = found[2] in (None, _machine())
+                if not _is_alive(int(found[1])) if ours else time.time() - part.stat().st_mtime > _GIVEN_UP:
+                    part.unlink()
 
 
 def _is_alive(process: int) -> bool:
@@ -321,6 +352,8 @@ def keep_sources(sources: Iterable[Path], written: Iterable[Path], what: str = "
 def check_folder(path: Path, what: str = "--out", expected: str = "a folder") -> None:
     """Raise an error for a folder that could not be made or takes no files. It is tried, and nothing stays behind.
 
+    What killed processes left there is removed, see :func:`clear_parts`.
+
     Args:
         path: the folder.
         what: begins the message.
@@ -340,6 +373,7 @@ def check_folder(path: Path, what: str = "--out", expected: str = "a folder") ->
             path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=path):
                 pass
+            clear_parts(path)
         finally:
             for folder in missing:
                 with suppress(OSError):

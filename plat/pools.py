@@ -1,20 +1,92 @@
 """Processes that belong together: one line where one of them is gone, and none that outlives the first."""
 
+import math
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from plat.errors import WorkerError
+from plat.errors import ConfigError, WorkerError
+from plat.scratch import Scratch
 
-__all__ = ["HelperPool", "begin_helper", "deaf_to_interrupts", "told_if_killed"]
+__all__ = [
+    "HelperPool",
+    "available_cpus",
+    "begin_helper",
+    "deaf_to_interrupts",
+    "may_start_processes",
+    "told_if_killed",
+]
+
+
+def available_cpus() -> int:
+    """Return the number of CPUs that this process may use: at most ``PLAT_CPUS``, where that is set.
+
+    It is that of its affinity mask, or less where a container gives it a share of their time.
+
+    Raises:
+        ConfigError: when ``PLAT_CPUS`` is no number.
+
+    >>> available_cpus() >= 1
+    True
+    """
+    # macOS and Windows have no affinity masks
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    there = math.ceil(min(there, _quota()))
+    share = os.environ.get("PLAT_CPUS", "")
+    if share and not (share.isdecimal() and int(share)):
+        raise ConfigError(f"PLAT_CPUS is {share!r}, expected a whole number from 1")
+    return min(there, int(share)) if share else there
+
+
+def _quota(process: Path = Path("/proc/self/cgroup"), groups: Path = Path("/sys/fs/cgroup")) -> float:
+    """Return how many CPUs' time the control groups of this process give it, as of containers; infinity for all.
+
+    Args:
+        process: file of its groups: ``ID:CONTROLLERS:PATH`` on each line.
+        groups: folder of all groups.
+    """
+    least = math.inf
+    try:
+        lines = process.read_text().splitlines()
+    except (OSError, ValueError):  # no Linux
+        return least
+    for line in lines:
+        _, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        first_version = bool(controllers)
+        root = groups / "cpu" if first_version else groups
+        group = root / path.strip("/")
+        # in a container the path may be one of the machine, which is not there
+        for folder in (group, *(above for above in group.parents if above.is_relative_to(root))):
+            with suppress(OSError, ValueError, ZeroDivisionError):
+                if first_version:
+                    time, period = ((folder / f"cpu.cfs_{word}_us").read_text() for word in ("quota", "period"))
+                else:
+                    time, period = (folder / "cpu.max").read_text().split()
+                if float(time) > 0:  # "max" is no number, and -1 means the same
+                    least = min(least, float(time) / float(period))
+    return least
+
+
+def may_start_processes() -> bool:
+    """Return whether this process may start others: a daemon of :mod:`multiprocessing` may not.
+
+    >>> may_start_processes()
+    True
+    """
+    return not multiprocessing.current_process().daemon
 
 
 @contextmanager
@@ -69,9 +141,14 @@ class HelperPool(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int, begin: Callable[..., object], *arguments: object):
+        # not by the pipe of a spawned process: more than it takes at a time is waited for until Python has imported
+        # what it is made of there, and for ever where the process is killed meanwhile
+        self._scratch = Scratch("plat-pool-")
+        path = self._scratch.path / "begin.pickle"
+        path.write_bytes(pickle.dumps((begin, arguments)))
         # forked children inherit torch's thread pool in a state that can hang them
         spawn = multiprocessing.get_context("spawn")
-        super().__init__(workers, spawn, initializer=_begin, initargs=(begin, arguments))
+        super().__init__(workers, spawn, initializer=_begin, initargs=(path,))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Submit a call, as the pool of Python does; it starts its processes here."""
@@ -87,10 +164,12 @@ class HelperPool(ProcessPoolExecutor):
             for process in processes:
                 process.terminate()
         self.shutdown()
+        self._scratch.remove()
 
 
-def _begin(begin: Callable[..., object], arguments: tuple[object, ...]) -> None:
+def _begin(path: Path) -> None:
     begin_helper()  # a pool's processes would wait for ever
+    begin, arguments = pickle.loads(path.read_bytes())
     begin(*arguments)
 
 

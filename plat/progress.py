@@ -1,21 +1,27 @@
 """Progress of long work on standard error: a bar on a terminal, a line from time to time elsewhere."""
 
+import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
+from contextlib import suppress
 from typing import TextIO, TypeVar
 
 __all__ = ["Progress", "clock", "percent", "tracked"]
 
 T = TypeVar("T")
 _WIDTH = 24
+_LEAST_WIDTH = 6
+# of a terminal that does not say how wide it is
+_COLUMNS = 80
 
 
 class Progress:
     """Progress bar of counted work.
 
     On a terminal it is a bar on one line, which is gone when the work is done. Elsewhere it is a plain line every
-    ``every`` seconds, so that short work prints nothing and a log shows that long work goes on.
+    ``every`` seconds, so that short work prints nothing and a log shows that long work goes on. A stream that is
+    closed, full or gone shows nothing, and is no reason to stop the work.
 
     Args:
         what: name of the work, first on the line.
@@ -35,8 +41,8 @@ class Progress:
         self.what, self.total, self.unit = what, total, unit
         self.done = 0
         """Units so far."""
-        self._stream = sys.stderr if stream is None else stream
-        self._bar = self._stream.isatty()
+        self._stream = sys.stderr if stream is None else stream  # none in programs without a console
+        self._bar = self._stream is not None and not self._stream.closed and self._stream.isatty()
         self._every = 0.1 if self._bar else every
         self._began = self._shown = time.monotonic()
         self._drawn = 0
@@ -56,8 +62,7 @@ class Progress:
     def close(self) -> None:
         """Remove the bar."""
         if self._drawn:
-            self._stream.write("\r" + " " * self._drawn + "\r")
-            self._stream.flush()
+            self._show("\r" + " " * min(self._drawn, self._room()) + "\r")
             self._drawn = 0
 
     def __enter__(self) -> "Progress":
@@ -68,21 +73,38 @@ class Progress:
 
     def _draw(self, seconds: float) -> None:
         line = f"{self.what}: {self.done:,}"
+        share = None
         if self.total:
             share = min(1.0, self.done / self.total)
             left = clock(seconds * (1 - share) / share) if share else "?"
             line += f" of {self.total:,} {self.unit}".rstrip() + f", {percent(share)}, {left} to go"
-            if self._bar:
-                full = round(_WIDTH * share)
-                line = f"[{'#' * full}{'.' * (_WIDTH - full)}] {line}"
         else:
             line += f" {self.unit}".rstrip() + f", {clock(seconds)}"
-        if self._bar:
-            self._stream.write("\r" + line.ljust(self._drawn))
-            self._drawn = len(line)
-        else:
-            self._stream.write(line + "\n")
-        self._stream.flush()
+        if not self._bar:
+            self._show(line + "\n")
+            return
+        room = self._room()
+        width = min(_WIDTH, room - len(line) - len("[] "))
+        if share is not None and width >= _LEAST_WIDTH:
+            full = round(width * share)
+            line = f"[{'#' * full}{'.' * (width - full)}] {line}"
+        line = line[:room]
+        self._show("\r" + line.ljust(min(self._drawn, room)))
+        self._drawn = len(line)
+
+    def _room(self) -> int:
+        """Return how many letters a line of the terminal takes: the next row is not overwritten by what follows."""
+        try:
+            columns = os.get_terminal_size(self._stream.fileno()).columns
+        except (OSError, ValueError):
+            columns = 0
+        return (columns or _COLUMNS) - 1
+
+    def _show(self, text: str) -> None:
+        if self._stream is not None:
+            with suppress(OSError, ValueError):
+                self._stream.write(text)
+                self._stream.flush()
 
 
 def tracked(items: Iterable[T], what: str, total: int | None = None, unit: str = "") -> Iterator[T]:

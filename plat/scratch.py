@@ -1,5 +1,6 @@
 """Temporary folders that do not outlive their process for long, however it ends."""
 
+import glob
 import os
 import shutil
 import tempfile
@@ -60,7 +61,7 @@ class Scratch:
 
 def _clear(parent: Path, prefix: str) -> None:
     """Remove the folders whose processes have ended."""
-    for folder in parent.glob(f"{prefix}*"):
+    for folder in parent.glob(f"{glob.escape(prefix)}*"):
         with suppress(OSError):  # no folder of ours, in use, or removed by another process at this moment
             if folder.is_symlink() or time.time() - (folder / _LOCK).stat().st_mtime < _NEW:
                 continue

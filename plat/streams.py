@@ -98,13 +98,13 @@ class _Output(_Kept):
 
 
 def _opened(stream: Any, own: Any, kind: type[_Kept]) -> Any:
-    """Return the stream anew over a file of a kind; None where it is not the program's own, or a screen."""
+    """Return the stream anew over a file of a kind; None where it is not the program's own, or a console of Windows."""
     if stream is not own or not isinstance(stream, io.TextIOWrapper):
         return None
     errors = "replace" if stream.errors in ("strict", "surrogateescape") else stream.errors
     try:
         stream.flush()
-        if stream.isatty():
+        if stream.isatty() and os.name == "nt":
             stream.reconfigure(errors=errors)
             return None
         raw = kind(stream.fileno(), "wb", closefd=False)

@@ -172,7 +172,9 @@ def main(recipe: AblationsRecipe) -> dict[str, list[Score]]:
     trackers = {name: candidates for name, candidates in rows.items() if name in TRACKERS}
     splits["dense"] = score(trackers, library, once(recipe), recipe, dense=True)
     pictures: dict[str, list[Path]] = {}
-    splits = {split: of_split for split, of_split in splits.items() if of_split}
+    for split in [split for split, of_split in splits.items() if not of_split]:
+        del splits[split]
+        remove(recipe.out / split)
     for split, of_split in splits.items():
         groups = by_difficulty if split == "all" else []
         pictures[split] = write(recipe.out / split, of_split, rows, groups)
@@ -521,7 +523,16 @@ def write(
 ) -> list[Path]:
     """Write ``scores.md``, ``scores.csv`` and the figures of a split; the figures."""
     write_table(folder, scores, rows, groups)
-    return evaluate.draw_scores(folder, scores) + (evaluate.draw_groups(folder, groups) if groups else [])
+    drawn = evaluate.draw_scores(folder, scores) + (evaluate.draw_groups(folder, groups) if groups else [])
+    evaluate.remove_figures(folder, evaluate.FIGURES, drawn)
+    return drawn
+
+
+def remove(folder: Path) -> None:
+    """Remove what :func:`write` wrote at an earlier start, for a split that has no scores now."""
+    for name in ("scores.md", "scores.csv"):
+        (folder / name).unlink(missing_ok=True)
+    evaluate.remove_figures(folder, evaluate.FIGURES, ())
 
 
 def write_table(

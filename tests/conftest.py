@@ -2,10 +2,12 @@ import atexit
 import ctypes
 import gc
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from multiprocessing import util
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -129,3 +131,17 @@ def standing_clip(name: str = "standing", frames: int = 61, fps: float = 30.0) -
     qpos[:, 0] = 0.3 * time
     qpos[:, 3], qpos[:, 6] = np.cos(0.25 * time), np.sin(0.25 * time)
     return MotionClip(name, qpos, fps)
+
+
+@pytest.fixture
+def killed_at_birth(monkeypatch):
+    """Kill each spawned process as soon as it is there, as want of memory does."""
+    spawn = util.spawnv_passfds
+
+    def killed(path, args, passfds):
+        process = spawn(path, args, passfds)
+        if "spawn_main" in b" ".join(map(os.fsencode, args)).decode():
+            os.kill(process, signal.SIGKILL)
+        return process
+
+    monkeypatch.setattr(util, "spawnv_passfds", killed)

@@ -4,14 +4,17 @@ import io
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from plat.cli import main
 
+T = TypeVar("T")
 TRAININGS = ["plat.cli", *(f"plat.recipes.{name}" for name in ("distill", "expert_model", "imagine", "refine"))]
 
 
@@ -66,6 +69,15 @@ def kill_plat(ready: Callable[[], bool], output: Path, *words: object) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.join()
     assert process.exitcode == -signal.SIGKILL, output.read_text()  # it had not ended by itself
+
+
+def in_time(work: Callable[[], T], seconds: float = 60.0) -> list[T]:
+    """Return what some work returns, in a list; that of work which does not end is empty."""
+    done: list[T] = []
+    thread = threading.Thread(target=lambda: done.append(work()), daemon=True)
+    thread.start()
+    thread.join(seconds)
+    return done
 
 
 def _plat(words: list[str], output: Path) -> None:

@@ -92,9 +92,77 @@ def test_a_home_that_nobody_has_is_a_name_like_any_other(monkeypatch, tmp_path):
     assert expand_home(Path("~nobody-of-this-name/a.txt")) == Path("~nobody-of-this-name/a.txt")
 
 
-def test_the_new_file_can_be_read_by_others(tmp_path):
-    replace_file(tmp_path / "a.txt", lambda part: part.write_text("x"))
-    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o644
+@pytest.fixture
+def mask():
+    """The mask of new files, put back behind the test."""
+    before = os.umask(0o022)
+    yield os.umask
+    os.umask(before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions are others")
+def test_the_permissions_are_those_of_any_file(tmp_path, mask, monkeypatch):
+    path = tmp_path / "a.txt"
+
+    def written() -> int:
+        replace_file(path, lambda part: part.write_text("x"))
+        return path.stat().st_mode & 0o777
+
+    assert written() == 0o644
+    path.chmod(0o664)  # shared with a group
+    assert written() == 0o664
+    for masked, mode in ((0o077, 0o600), (0o002, 0o664)):
+        path.unlink()
+        mask(masked)
+        assert written() == mode
+
+    def refused(self, mode):
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(self))
+
+    monkeypatch.setattr(Path, "chmod", refused)  # as a stick with another file system does
+    assert written() == 0o664
+
+
+@pytest.mark.parametrize("name", ["a" * 251 + ".csv", "ä" * 125 + ".csv", "a." + "b" * 250])
+def test_a_long_name_is_refused_before_the_work_or_can_be_written(tmp_path, name):
+    path = tmp_path / name
+    check_file(path)
+    replace_file(path, lambda part: part.write_text("x"))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+    with pytest.raises(OutputError, match="too long"):
+        check_file(tmp_path / (name + "aaaaaa"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are asked whether they live")
+def test_what_another_machine_is_writing_is_left_alone_for_a_day(tmp_path, monkeypatch):
+    seen: list[bool] = []
+
+    def write(part):
+        clear_parts(tmp_path)
+        seen.append(part.exists())
+        with monkeypatch.context() as patch:  # the same folder as another machine sees it: no such process there
+            patch.setattr("plat.files._machine", lambda: "0123abcd")
+            patch.setattr("plat.files._is_alive", lambda process: False)
+            clear_parts(tmp_path)
+            seen.append(part.exists())
+        part.write_text("whole")
+
+    replace_file(tmp_path / "run-5-abc.part.csv", write)  # a name like that of a part
+    assert seen == [True, True]
+    old = tmp_path / f".b.csv-{os.getpid()}-12345678.0123abcd.part.csv"
+    old.write_text("half")
+    check_folder(tmp_path)
+    assert old.exists()
+    os.utime(old, (0, 0))
+    check_folder(tmp_path)
+    assert not old.exists()
+
+
+def test_a_command_removes_what_a_killed_one_left_in_its_folder(tmp_path):
+    for name in ("old-name", "a.csv"):
+        (tmp_path / f".{name}-{2**22 + 1}-12345678.part.csv").write_text("half")
+    check_file(tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_places_that_can_be_written_to_are_left_as_they_were(tmp_path):
@@ -196,6 +264,7 @@ def test_files_are_written_whole_everywhere():
         "plat/export/bundle.py",  # likewise
         "plat/studio/session.py",  # in a temporary folder
         "plat/collectors/worker.py",  # likewise
+        "plat/pools.py",  # likewise
     }
 
 

@@ -1,4 +1,8 @@
 import io
+import os
+import sys
+
+import pytest
 
 from plat.progress import Progress, percent, tracked
 
@@ -55,3 +59,36 @@ def test_without_a_total_the_time_is_shown(monkeypatch):
 
 def test_tracked_items_come_through():
     assert list(tracked(iter("abc"), "letters")) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("columns", [120, 80, 40, 20])
+def test_a_bar_stays_on_one_row_of_the_terminal(columns, monkeypatch):
+    # a longer line goes on in the next row, and "\r" goes back to the beginning of that row alone
+    monkeypatch.setattr(Terminal, "fileno", lambda self: 0)
+    monkeypatch.setattr("plat.progress.os.get_terminal_size", lambda _: os.terminal_size((columns, 24)))
+    out, now = Terminal(), [0.0]
+    monkeypatch.setattr("plat.progress.time.monotonic", lambda: now[0])
+    with Progress("evaluation", 12_345_678, "control steps", stream=out) as progress:
+        for now[0] in (1.0, 300.0, 600.0):
+            progress.update(int(10_000 * now[0]))
+    rows = out.getvalue().split("\r")
+    assert max(map(len, rows)) < columns
+    assert rows[1].startswith(("[", "evaluation: 10,000"))
+    assert ("#" in rows[3]) == (columns > 70)
+
+
+def test_streams_that_show_nothing_do_not_end_the_work(monkeypatch):
+    class Gone(io.StringIO):
+        def write(self, text):
+            raise OSError(5, "Input/output error")
+
+    closed = io.StringIO()
+    closed.close()
+    for stream in (Gone(), closed):
+        with Progress("evaluation", 4, every=0, stream=stream) as progress:
+            progress.update(4)
+        assert progress.done == 4
+    monkeypatch.setattr(sys, "stderr", None)  # as of a program without a console
+    assert list(tracked([1, 2], "letters")) == [1, 2]
+    with Progress("evaluation", 4, every=0) as progress:
+        progress.update(4)

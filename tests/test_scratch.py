@@ -56,6 +56,16 @@ def test_what_is_in_use_new_or_of_others_stays(tmp_path):
     assert not ours.path.exists()
 
 
+@pytest.mark.parametrize("prefix", [".a[1]-", ".a**b-", ".*-"])
+def test_a_prefix_is_no_pattern(tmp_path, prefix):
+    for name in (f"{prefix}old", ".a1-old"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / ".lock").touch()
+        make_old(tmp_path / name)
+    Scratch(prefix, tmp_path).remove()
+    assert [path.name for path in tmp_path.iterdir()] == [".a1-old"]
+
+
 def test_a_disk_without_locks_is_used_all_the_same(tmp_path, monkeypatch):
     def refuse(file):
         raise OSError("no locks available")

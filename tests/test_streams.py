@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,53 @@ def test_closed_streams_show_nothing(tmp_path):
     assert (tmp_path / "done").exists()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="consoles are others")
+def test_a_terminal_that_is_closed_does_not_end_the_work(tmp_path):
+    """As of a job that was disowned: no signal comes, and writing is an error."""
+    import pty
+
+    ours, theirs = pty.openpty()
+    program = """
+import sys, time
+from pathlib import Path
+from plat.streams import standard_streams
+
+with standard_streams():
+    Path("begun").touch()
+    while not Path("closed").exists():
+        time.sleep(0.01)
+    print("stdout", flush=True)
+    print("stderr", file=sys.stderr, flush=True)
+    Path("done").touch()
+"""
+    child = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=theirs, stderr=theirs, cwd=tmp_path, env=_importable(os.environ)
+    )
+    os.close(theirs)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "begun").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.close(ours)
+    (tmp_path / "closed").touch()
+    assert child.wait(60) == 1
+    assert (tmp_path / "done").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="consoles are others")
+def test_a_terminal_is_one_to_what_writes_into_it(tmp_path):
+    import pty
+
+    ours, theirs = pty.openpty()
+    show = "print(sys.stdout.isatty(), sys.stderr.isatty(), sys.stdout.encoding, '\\udcff')"
+    program = f"import sys\nfrom plat.streams import standard_streams\nwith standard_streams(): {show}"
+    environment = _importable(os.environ)
+    subprocess.run([sys.executable, "-c", program], stdout=theirs, stderr=theirs, env=environment, check=True)
+    os.close(theirs)
+    assert os.read(ours, 100) == b"True True utf-8 ?\r\n"
+    os.close(ours)
+
+
 def test_characters_that_the_screen_lacks():
     program = "from plat.streams import standard_streams\nwith standard_streams(): print('✓ a \\udcff')"
     for encoding, shown in (("ascii", b"? a ?"), ("iso-8859-1", b"? a ?"), ("utf-8", "✓ a ?".encode())):
@@ -139,7 +187,7 @@ def test_the_end_of_a_reader_is_no_error_of_files():
 
 
 def _importable(environment):
-    return {**environment, "PYTHONPATH": str(Path(__file__).parents[2])}
+    return {**environment, "PYTHONPATH": str(Path(__file__).parents[1])}
 
 
 def _quoted(program):

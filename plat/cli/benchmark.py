@@ -38,7 +38,7 @@ from plat.figures import (
     save_figure,
     success_plot,
 )
-from plat.files import check_folder, replace_file
+from plat.files import check_folder, readable, replace_file
 from plat.motions import MotionLibrary
 from plat.robots import Robot, get_robot
 from plat.runs import on_device
@@ -147,9 +147,9 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
     """
     names = [name for name in PUBLIC if getattr(recipe, name) is not None] + ["generated"]
     for path in recipe.hard:
-        if path.stem in names:
-            raise PlatError(f"--hard {str(path)!r}: there is a set {path.stem!r} already, expected another file name")
-        names.append(path.stem)
+        if (name := readable(path.stem)) in names:
+            raise PlatError(f"--hard {str(path)!r}: there is a set {name!r} already, expected another file name")
+        names.append(name)
     _keep_inputs(recipe, names)
     families = read_manifest(recipe.manifest) if recipe.manifest else None
     sets = []
@@ -173,11 +173,11 @@ def motion_sets(recipe: BenchmarkRecipe, robot: Robot, control_dt: float) -> lis
     for name, public in PUBLIC.items():
         if (source := getattr(recipe, name)) is not None:
             path = public.file(source, recipe.out, robot)
-            add(name, f"{public.says} ({path.name})", path, None if public.clips is None else public.families)
+            add(name, f"{public.says} ({readable(path.name)})", path, None if public.clips is None else public.families)
     for path in recipe.hard:
         files: list[Path] = []
         known = None if families is None else partial(families_of, families=families, files=files)
-        add(path.stem, path.name, path, known, files)
+        add(readable(path.stem), readable(path.name), path, known, files)
     add("generated", f"generated:test@{recipe.generated:g}", f"generated:test@{recipe.generated:g}", _kinds)
     return sets
 
@@ -287,8 +287,8 @@ def command_of(recipe: BenchmarkRecipe) -> list[str]:
 
 def _word(value: Any) -> str:
     if isinstance(value, Path):
-        return value.name if value.is_absolute() or ".." in value.parts else str(value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+        return readable(value.name if value.is_absolute() or ".." in value.parts else str(value))
+    return f"{value:g}" if isinstance(value, float) else readable(str(value))
 
 
 def _write(part: Path, text: str) -> None:

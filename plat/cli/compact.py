@@ -22,6 +22,7 @@ from plat.envs.transforms.settings import (
     TrackingTerm,
 )
 from plat.envs.transforms.tracking_rewards import Regularization
+from plat.files import expand_home
 from plat.modules.settings import NormalizerConfig, WalkingReach
 from plat.tasks.settings import AuthoredCosts, TrackingCosts
 
@@ -141,7 +142,8 @@ def _path(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Path] | None:
 def _path_from_text(text: str) -> Path:
     if not text:  # of a shell's variable that is not set; it would be the working directory
         raise ValueError("is empty, expected a path")
-    return Path(text)
+    path = Path(text)
+    return expand_home(path) if text.startswith("~") else path  # shells leave that of --out=~/runs as it is
 
 
 def _term(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[TrackingTerm] | None:

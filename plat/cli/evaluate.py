@@ -50,6 +50,10 @@ from plat.words import counted
 SCORES_PAGE, SCORES_TABLE = "scores.md", "scores.csv"
 """Files of ``--out``: all tables as a page, and the scores of commands."""
 
+BY_DIFFICULTY = "by_difficulty"
+FIGURES = ("radar", "success", "film_strip", *(f"bars_{horizon}" for horizon in HORIZONS), BY_DIFFICULTY)
+"""Names of all figures of scores, without ending."""
+
 
 def main(recipe: EvaluateRecipe) -> list[Score]:
     """Run the recipe: print a table, return its rows."""
@@ -143,8 +147,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             pictures += draw_strips(
                 recipe.figures, entrants, library, shown, recipe.horizon, recipe.seed, recipe.device
             )
-        stems = ["radar", "success", "film_strip", *(f"bars_{horizon}" for horizon in HORIZONS)]
-        remove_figures(recipe.figures, stems, pictures)
+        remove_figures(recipe.figures, [stem for stem in FIGURES if stem != BY_DIFFICULTY], pictures)
     if written := written_by(recipe, pictures):
         print(f"\nwrote {', '.join(map(str, written))}")
     if recipe.loggers:
@@ -429,7 +432,7 @@ def remove_figures(folder: Path, stems: Iterable[str], drawn: Collection[Path]) 
 
 def draw_groups(folder: Path, groups: Sequence[GroupScore]) -> list[Path]:
     """Draw a metric by difficulty; what was written."""
-    return save_figure(group_plot(groups), folder / "by_difficulty")
+    return save_figure(group_plot(groups), folder / BY_DIFFICULTY)
 
 
 def draw_strips(

@@ -1,6 +1,5 @@
 """Settings of the commands, apart from what runs so that help texts need no torch."""
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -15,6 +14,7 @@ from plat.evaluation.names import DisturbanceName, Interface, RuleName
 from plat.modules.settings import WalkingReach
 from plat.motions.checks.settings import ValidationLimits
 from plat.motions.retargeting.options import SolverOptions
+from plat.pools import available_cpus
 from plat.runs.loggers import LoggerName, chosen_loggers
 from plat.runs.user_modules import Imports
 from plat.spec.timing import Timing
@@ -354,7 +354,7 @@ class Retarget(Bounded):
     """unit of angles in .bvh and .amc, where they do not show it"""
     split: bool = False
     """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
-    workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: os.cpu_count() or 1)
+    workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: min(available_cpus(), 1024))
     """processes to spread the files over, at most; a few files are done in one"""
     solver: SolverOptions = SolverOptions()
     """how inverse kinematics is done"""

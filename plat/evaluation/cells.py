@@ -16,14 +16,14 @@ from typing import Any, TypeAlias
 import torch
 
 from plat.collectors.worker import for_workers
-from plat.envs.physics import available_cpus
 from plat.errors import ActionError, RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.setting import EvaluationSetting
+from plat.files import clear_parts, readable
 from plat.motions.library import MotionLibrary
-from plat.pools import HelperPool, told_if_killed
+from plat.pools import HelperPool, available_cpus, may_start_processes, told_if_killed
 from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
@@ -155,13 +155,15 @@ def evaluate_cells(
 
     A cell is evaluated in parts of :data:`PART` clips, spread over processes. With a folder, finished parts are kept
     there: an evaluation that was stopped goes on where it was, and finished cells are not evaluated again. Progress is
-    shown on standard error. The signal TERM ends it as Ctrl-C does, and its processes end with it in any case.
+    shown on standard error. The signal TERM and a terminal that is closed end it as Ctrl-C does, and its processes end
+    with it in any case.
 
     Args:
         cells: of the comparison.
         library: motions.
         folder: for the records; None keeps nothing.
-        workers: processes; None for one a core where there is enough to do. The records do not depend on it.
+        workers: processes; None for one a core where there is enough to do, and none beside this one where it may not
+            start any. The records do not depend on it.
         modules: that the processes import first, see :func:`plat.runs.user_modules.import_modules`.
         what: name of the work in the progress.
 
@@ -174,6 +176,7 @@ def evaluate_cells(
         total = sum(desk.steps(cell, number) for cell, number in missing)
         # a process takes seconds to start
         count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
+        count = count if may_start_processes() else 1
         with Progress(what, total, "control steps") as progress:
             if count > 1:
                 yield from _on_processes(cells, missing, desk, scratch, count, modules, progress)
@@ -185,7 +188,12 @@ class _Desk:
     """Files of an evaluation: those of whole cells, and those of parts that wait for the rest of their cell."""
 
     def __init__(self, folder: Path, library: MotionLibrary):
+        if readable(str(folder)) != str(folder):
+            raise RecordsError(
+                f"{str(folder)!r}: its name is no UTF-8, records cannot be read from there: choose another"
+            )
         self.folder, self.library = folder, library
+        clear_parts(folder)
         self._marks = motions_fingerprint(library), robot_fingerprint(library.robot)
 
     def about(self, cell: Cell) -> dict[str, Any]:
@@ -229,13 +237,25 @@ class _Desk:
         return [number for number in range(len(self.parts(cell))) if self.read(cell, self.part(cell, number)) is None]
 
     def finished(self, cell: Cell) -> Records:
-        """Return a cell's records, and leave one file of them."""
+        """Return a cell's records, and leave one file of them.
+
+        Raises:
+            RecordsError: when they are not there any more.
+        """
         records = self.read(cell, self.whole(cell))
         paths = [self.part(cell, number) for number in range(len(self.parts(cell)))]
         if records is None:
             parts = [self.read(cell, path) for path in paths]
-            records = cell.joined(parts)
-            records.save(self.whole(cell), self.about(cell))
+            if None not in parts:
+                records = cell.joined(parts)
+                records.save(self.whole(cell), self.about(cell))
+            else:  # a process with the same cell may have been first
+                records = self.read(cell, self.whole(cell))
+        if records is None:
+            raise RecordsError(
+                f"{str(self.whole(cell))!r}: records of it are gone, or of other conditions: another process writes "
+                "into the folder; wait until it ends, or choose another folder"
+            )
         for path in paths:
             path.unlink(missing_ok=True)
         return records
@@ -273,7 +293,8 @@ def _on_processes(
     motions = scratch / "motions.pt"
     with for_workers(scratch):
         torch.save(desk.library.to("cpu"), motions)
-    with HelperPool(count, _begin, motions, tuple(modules), registered_robots()) as pool:
+    told = told_if_killed("with --out, what is done is kept")
+    with told, HelperPool(count, _begin, motions, tuple(modules), registered_robots()) as pool:
         futures: dict[str, list[Future[None]]] = {}
         for cell, number in missing:
             job = (cell, desk.parts(cell)[number], desk.part(cell, number), desk.about(cell))
@@ -281,9 +302,8 @@ def _on_processes(
             future.add_done_callback(functools.partial(_told, progress, desk.steps(cell, number)))
             futures.setdefault(cell.stem, []).append(future)
         for cell in cells:
-            with told_if_killed("with --out, what is done is kept"):
-                for future in futures.pop(cell.stem, []):
-                    future.result()
+            for future in futures.pop(cell.stem, []):
+                future.result()
             yield cell, desk.finished(cell)
 
 
@@ -313,15 +333,19 @@ def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> No
 
 @contextmanager
 def _stopped_by_term() -> Iterator[None]:
-    """Raise :class:`KeyboardInterrupt` at the signal TERM, where it would end this process without cleaning up."""
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    if ours:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Raise :class:`KeyboardInterrupt` at the signals TERM and HUP, where they would end this process as it is."""
+    ours = []
+    if threading.current_thread() is threading.main_thread():
+        known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        ours = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        if ours and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if threading.current_thread() is threading.main_thread():
+            for number in ours:
+                signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager

@@ -77,7 +77,7 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
     model = onnx_model(network, network.num_features, {METADATA_KEY: bundle.to_json()})
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with Scratch(f".{out.name}-", out.parent) as scratch:
+        with Scratch(f".{out.name[:40]}-", out.parent) as scratch:
             part = scratch / out.name
             part.mkdir()
             network_file = model.SerializeToString()
@@ -90,7 +90,6 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
             (part / CARD_FILE).write_text(card, encoding="utf-8")
             example = _example(part, network, bundle)
             (part / EXAMPLE_FILE).write_text(readable_json(example), encoding="utf-8")
-            part.chmod(0o755)
             os.rename(part, out)
     except OSError as error:
         raise BundleError(f"{str(out)!r} could not be written ({error.strerror or error})") from error

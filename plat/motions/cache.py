@@ -17,7 +17,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from plat.files import replace_file
+from plat.files import clear_parts, expand_home, replace_file
 
 __all__ = [
     "CODE",
@@ -66,8 +66,9 @@ _SETTLED = 2.0
 def cache_dir() -> Path:
     """Return the cache folder: ``$PLAT_CACHE_DIR``, else ``plat`` in the user's cache folder or a temporary one."""
     if folder := os.environ.get("PLAT_CACHE_DIR"):
-        return Path(folder)
-    if folder := os.environ.get("XDG_CACHE_HOME"):
+        return expand_home(Path(folder))  # no shell has seen it where a service or a file of variables sets it
+    # a relative one is invalid: XDG Base Directory Specification
+    if os.path.isabs(folder := os.environ.get("XDG_CACHE_HOME", "")):
         return Path(folder) / "plat"
     try:
         return Path.home() / ".cache" / "plat"
@@ -139,6 +140,7 @@ def write_table(
             file.seek(0)
             file.write(struct.pack("<Q", len(text)) + text)
 
+    clear_parts(path.parent)  # a killed process may have left gigabytes
     replace_file(path, write)
     if path.stat().st_size >= _LARGE:
         _remember_whole(path)

@@ -27,14 +27,17 @@ class Helper:
     """Another process, of one thread. It ends with the one that began it.
 
     Args:
-        make: returns, in that process, what answers.
+        make: returns, in that process, what answers; it can be pickled.
         name: of the process.
     """
 
     def __init__(self, make: Callable[[], Answering], name: str):
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(make, theirs), daemon=True, name=name)
+        # given with the first order: a start waits until what is larger than a pipe has been read, for ever where the
+        # process is killed meanwhile
+        self._make: bytes | None = pickle.dumps(make)
+        self._process = context.Process(target=_serve, args=(theirs,), daemon=True, name=name)
         with deaf_to_interrupts():
             self._process.start()
         theirs.close()
@@ -51,6 +54,9 @@ class Helper:
             EOFError, OSError: when the process is gone.
             PlatError: what was raised there.
         """
+        if self._make is not None:
+            self._connection.send_bytes(self._make)
+            self._make = None
         self._connection.send_bytes(order)
         answer, failure = pickle.loads(self._connection.recv_bytes())
         if failure is not None:
@@ -84,10 +90,14 @@ def half_the_threads() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _serve(make: Callable[[], Answering], connection: Connection) -> None:
+def _serve(connection: Connection) -> None:
     """Answer orders until the other process is gone."""
     begin_helper()
     torch.set_num_threads(1)
+    try:
+        make = pickle.loads(connection.recv_bytes())
+    except (EOFError, OSError):
+        return
     answering = make()
     with suppress(EOFError, OSError):
         while True:

@@ -7,6 +7,7 @@ from typing import Any
 
 from plat.bounds import check_robot
 from plat.errors import RobotError
+from plat.files import expand_home
 from plat.json_file import read_json, short
 from plat.robots.g1 import G1
 from plat.robots.mjcf import Capsule
@@ -67,7 +68,7 @@ def get_robot(name_or_path: str | Path) -> Robot:
         raise RobotError(f"robot {short(name_or_path)} is unknown, expected a name or the path of a JSON description")
     if str(name_or_path) in _ROBOTS:
         return _ROBOTS[str(name_or_path)]
-    path = Path(name_or_path)
+    path = expand_home(Path(name_or_path))
     if path.suffix != ".json":
         raise RobotError(
             f"robot {short(str(name_or_path))} is unknown, expected one of {sorted(_ROBOTS)}, one that "

@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -27,6 +28,14 @@ __all__ = ["RecipeConfig", "begin", "default_device", "on_device", "report_error
 class _HasDevice(Protocol):
     device: str
 
+
+# what a machine lacks is told without the name of a file; the last is of temporary folders
+_MACHINE = {
+    getattr(errno, name, None) for name in ("EDQUOT", "EIO", "EMFILE", "ENFILE", "ENOMEM", "ENOSPC", "ENOENT")
+} - {None}
+# by PyTorch on CPUs and GPUs, and by MuJoCo
+_OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory|[Cc]ould not allocate|bad_alloc")
+_LONGEST = 200
 
 R = TypeVar("R", bound=_HasDevice)
 T = TypeVar("T", bound="RecipeConfig")
@@ -156,7 +165,7 @@ class RecipeConfig(Bounded):
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Exit with one line on plat's own errors and those of files, without a traceback.
+    """Exit with one line on plat's own errors, those of files and where memory runs out, without a traceback.
 
     TorchRL's context of an error is left out, Ctrl-C ends with one line, and the standard streams are those of
     :func:`~plat.streams.standard_streams`: a reader that leaves, as ``head`` does, ends the program quietly.
@@ -174,9 +183,17 @@ def report_errors() -> Iterator[None]:
         except PlatError as error:
             sys.exit(f"error: {error}")
         except OSError as error:
-            if error.filename is None and error.errno != errno.ENOSPC:
+            if error.filename is None and error.errno not in _MACHINE:
                 raise
             sys.exit(f"error: {'' if error.filename is None else f'{str(error.filename)!r}: '}{error.strerror}")
+        except (MemoryError, RuntimeError) as error:
+            told = str(error).strip().partition("\n")[0]
+            if not isinstance(error, MemoryError) and not _OUT_OF_MEMORY.search(told):
+                raise
+            sys.exit(
+                f"error: not enough memory{f' ({told[:_LONGEST]})' if told else ''}: take fewer --num-envs, --workers "
+                "or motions, where the command has them"
+            )
         except KeyboardInterrupt:
             print("stopped", file=sys.stderr)
             sys.exit(130)

@@ -86,13 +86,12 @@ def write_static(
     facts = site_facts(robot, tuple(runs), timing)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with Scratch(f".{folder.name}-", folder.parent) as scratch:
+        with Scratch(f".{folder.name[:40]}-", folder.parent) as scratch:
             part = scratch / folder.name
             part.mkdir()
             _write_files(part, facts, libraries)
             for number, run in enumerate(runs.values()):
                 export_bundle(run, part / "policies" / str(number))  # names may be paths, or no parts of addresses
-            part.chmod(0o755)
             part.rename(folder)
     except OSError as error:
         raise StudioError(f"{str(folder)!r} could not be written ({error})") from error

@@ -305,6 +305,16 @@ def test_an_interface_that_nothing_is_told_by_is_refused(tmp_path):
         benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", interface=("line",), device="cpu"))
 
 
+def test_a_name_that_is_no_text_becomes_one(tmp_path):
+    """Records cannot be read from a folder of that name, and a page cannot hold it."""
+    write_motions(tmp_path)
+    hard = (tmp_path / "motions.npz").rename(tmp_path / os.fsdecode(b"K\xf6ln.npz"))
+    recipe = replace(recipe_in(tmp_path), hard=(hard,), manifest=(), horizons=("short",))
+    first, _ = benchmark.motion_sets(recipe, G1, 0.02)
+    assert (first.name, first.source) == (r"K\udcf6ln", r"K\udcf6ln.npz")
+    assert r"K\udcf6ln.npz" in command_of(recipe)
+
+
 def test_sets_of_one_name_are_refused(tmp_path):
     for stem in ("hard", "generated"):
         recipe = BenchmarkRecipe(out=tmp_path, hard=(tmp_path / "a" / "hard.npz", tmp_path / "b" / f"{stem}.npz"))

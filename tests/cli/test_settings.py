@@ -1,6 +1,7 @@
 import io
 import shlex
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -80,6 +81,14 @@ def test_an_empty_path_is_not_the_working_directory(command, words, field):
     told = r"(is empty, expected a path|expected other values than \[''\])"
     with pytest.raises(SystemExit, match=rf"^error: .*{field}.*: {told}; see plat {command}"):
         parse(COMMANDS[command].kind(), words, prog=f"plat {command}")
+
+
+def test_a_home_that_the_shell_left_as_it_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert parse(ExpertRecipe, ["--motions", "x.npz", "--out=~/runs/a"]).out == tmp_path / "runs" / "a"
+    runs = ["~/a", "b~", "./~", "plat-g1"]
+    recipe = parse(COMMANDS["average"].kind(), [*runs, "--out", "x"])
+    assert recipe.runs == (tmp_path / "a", Path("b~"), Path("~"), Path("plat-g1"))
 
 
 def test_what_is_missing_is_named():

@@ -1,8 +1,10 @@
 import errno
 import functools
+import os
 import signal
 import tempfile
 from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import mujoco
 import pytest
 import torch
 
-from plat.errors import ActionError, OutputError, PlatError
+from plat.errors import ActionError, OutputError, PlatError, RecordsError, WorkerError
 from plat.evaluation import CommandRecords, Entrant, EvaluationSetting, cells
 from plat.evaluation.cells import Candidate, Cell, evaluate_cells, fingerprint, robot_fingerprint
 from plat.evaluation.disturbance import Disturbance
@@ -136,12 +138,80 @@ def test_a_broken_file_is_replaced(candidate, clips, counted, tmp_path, capsys):
     assert "evaluated again" in capsys.readouterr().out
 
 
-def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkeypatch):
+def test_records_that_another_process_took_are_one_line(candidate, clips, counted, tmp_path, monkeypatch):
+    """Two evaluations with other conditions in one folder: their files have the same names."""
+    folder, other = tmp_path / "records", EvaluationSetting(seed=1, num_threads=1)
+    save = CommandRecords.save
+
+    def raced(self, path, about):
+        save(self, path, about)
+        if ".part" in path.name:
+            monkeypatch.setattr(CommandRecords, "save", save)
+            list(evaluate_cells([Cell(candidate, "short", other)], clips, folder=folder, workers=1))
+
+    monkeypatch.setattr(CommandRecords, "save", raced)
+    with pytest.raises(RecordsError, match="a_plain-short.safetensors': records of it are gone.* another process"):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
+
+
+def test_records_that_another_process_finished_are_taken(candidate, clips, counted, tmp_path, monkeypatch):
+    folder, cell = tmp_path / "records", Cell(candidate, "short", SETTING)
+    save, desks = CommandRecords.save, cells._Desk
+
+    class Late(desks):
+        def read(self, cell, path):
+            found = super().read(cell, path)
+            if counted and found is None and ".part" not in path.name and not late:
+                late.append(path)  # the other one comes between this reading and that of the parts
+                monkeypatch.setattr(cells, "_Desk", desks)
+                list(evaluate_cells([cell], clips, folder=folder, workers=1))
+            return found
+
+    late: list[Path] = []
+    monkeypatch.setattr(cells, "_Desk", Late)
+    ((_, records),) = evaluate_cells([cell], clips, folder=folder, workers=1)
+    assert late
+    assert same(records, CommandRecords.load(late[0])[0])
+    assert CommandRecords.save is save
+
+
+def test_a_pool_that_breaks_while_it_is_given_work_is_one_line(candidate, clips, parts_of_two, monkeypatch):
+    def broken(*_):
+        raise BrokenProcessPool("a child process terminated abruptly")
+
+    monkeypatch.setattr(cells.HelperPool, "submit", broken)
+    with pytest.raises(WorkerError, match="a worker process was killed"):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=2))
+
+
+def test_a_daemon_evaluates_in_its_own_process(candidate, clips, parts_of_two, counted, monkeypatch):
+    monkeypatch.setattr(cells, "may_start_processes", lambda: False)
+    list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=2))
+    assert len(counted) == 3
+
+
+def test_a_folder_that_records_cannot_be_read_from_is_refused_before_the_work(candidate, clips, counted, tmp_path):
+    folder = tmp_path / os.fsdecode(b"K\xf6ln")
+    with pytest.raises(RecordsError, match=r"K\\udcf6ln': its name is no UTF-8"):
+        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
+    assert counted == []
+
+
+def test_what_a_killed_evaluation_was_writing_is_removed(candidate, clips, tmp_path):
+    folder = tmp_path / "records"
+    folder.mkdir()
+    (folder / f".a_plain-short.safetensors-{2**22 + 1}-12345678.part.safetensors").write_bytes(b"half")
+    list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, folder=folder, workers=1))
+    assert [path.name for path in folder.iterdir()] == ["a_plain-short.safetensors"]
+
+
+@pytest.mark.parametrize("number", [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)])
+def test_signals_stop_as_ctrl_c_does(number, candidate, clips, tmp_path, monkeypatch):
     scratch: list[Path] = []
 
     def terminated(self, entrant, library, **options):
         scratch.extend(tmp_path.glob("plat-evaluation-*"))
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(Cell, "evaluate", terminated)
@@ -149,7 +219,7 @@ def test_the_signal_term_stops_as_ctrl_c_does(candidate, clips, tmp_path, monkey
         list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1))
     assert len(scratch) == 1
     assert not scratch[0].exists()
-    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_a_full_disk_under_the_motions_for_processes_is_one_line(candidate, clips, parts_of_two, monkeypatch):

@@ -1,3 +1,4 @@
+import os
 import re
 from pathlib import Path
 
@@ -70,6 +71,29 @@ def test_a_build_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(OSError, match="No space left"):
         write_table(tmp_path / "a.safetensors", 7, 0.02, build)
     assert not list(tmp_path.iterdir())
+
+
+def test_where_the_cache_is(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for own, of_user, expected in (
+        (None, None, ".cache/plat"),
+        (None, "relative", ".cache/plat"),
+        (None, str(tmp_path / "a"), "a/plat"),
+        ("~/b", str(tmp_path / "a"), "b"),
+        (str(tmp_path / "c"), None, "c"),
+    ):
+        for name, value in (("PLAT_CACHE_DIR", own), ("XDG_CACHE_HOME", of_user)):
+            monkeypatch.delenv(name, raising=False)
+            if value is not None:
+                monkeypatch.setenv(name, value)
+        assert cache.cache_dir() == tmp_path / expected
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are asked whether they live")
+def test_a_build_removes_what_a_killed_one_left(tmp_path):
+    (tmp_path / f".0a1b.safetensors-{2**22 + 1}-12345678.part.safetensors").write_bytes(b"gigabytes")
+    write(tmp_path / "a.safetensors", torch.randn(10, 7))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]
 
 
 def test_digests_of_large_sets_are_remembered_until_a_file_changes(tmp_path, monkeypatch):

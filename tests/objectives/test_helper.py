@@ -1,5 +1,6 @@
 """A process that answers orders."""
 
+import functools
 import os
 import pickle
 import signal
@@ -12,6 +13,7 @@ import torch
 
 from plat.errors import ObservationError
 from plat.objectives.helper import Helper, half_the_threads
+from tests.in_process import in_time
 
 
 class Counting:
@@ -69,6 +71,18 @@ def test_an_interrupt_while_it_imports_is_not_for_it() -> None:
     finally:
         helper.close()
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
+def counting_with(content: bytes) -> Counting:
+    return Counting()
+
+
+def test_one_that_is_killed_while_it_begins_is_told_of(killed_at_birth) -> None:
+    """Its start waited for ever until what is larger than a pipe had been read."""
+    (helper,) = in_time(lambda: Helper(functools.partial(counting_with, bytes(1 << 22)), "plat-test"))
+    with pytest.raises((EOFError, OSError)):
+        ask(helper, 1)
+    helper.close()
 
 
 def test_it_ends_in_the_middle_of_an_answer(helper: Helper, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -210,7 +210,11 @@ def test_a_broken_record_is_made_again(scored, evaluated, capsys):
 
 def test_without_hard_commands_there_is_no_hard_split(scored, monkeypatch, capsys):
     monkeypatch.setattr(ablations, "HARD", ("brisk", "hard"))
+    for old in ("all/radar.png", "hard/success.pdf", "hard/notes.txt"):  # of an earlier start, but for the last
+        (scored.out / old).touch()
     assert list(ablations.main(scored)) == ["all", "randomized", "dense"]
+    assert [path.name for path in (scored.out / "hard").iterdir()] == ["notes.txt"]
+    assert not (scored.out / "all" / "radar.png").exists()
     assert "brisk and hard: 0 of " in capsys.readouterr().out
 
 

@@ -37,12 +37,14 @@ def test_an_unknown_name_tells_the_known_ones():
         get_robot("h1")
 
 
-def test_a_description_file_is_read_and_registered(tmp_path):
+def test_a_description_file_is_read_and_registered(tmp_path, monkeypatch):
     describe(tmp_path / "robot.json")
     robot = get_robot(tmp_path / "robot.json")
     assert robot.default_joint_pos[robot.joint_names.index("left_knee")] == pytest.approx(0.3)
     assert get_robot("described") is robot
     assert get_robot(tmp_path / "robot.json") is robot
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert get_robot("~/robot.json") is robot
 
 
 def test_a_keyframe_file_is_no_description(tmp_path):

@@ -1,6 +1,5 @@
 """Batched MuJoCo physics: its native pool of threads over simulations, with torch tensors in and out."""
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,8 +10,9 @@ from torch import Tensor
 
 from plat.envs.physics.protocol import Kinematics
 from plat.envs.physics.transfer import to_device
-from plat.errors import ConfigError, StateError
+from plat.errors import StateError
 from plat.gpu import check_device
+from plat.pools import available_cpus
 from plat.robots.contact_geoms import colliding_geoms
 
 __all__ = ["BatchedPhysics", "available_cpus"]
@@ -246,17 +246,3 @@ class BatchedPhysics:
     def update_constants(self) -> None:
         """Recompute the constants that MuJoCo derives from the model (``mj_setConst``) in every simulation."""
         self.batch.set_const()
-
-
-def available_cpus() -> int:
-    """Return the number of CPUs that this process may use: at most ``PLAT_CPUS``, where that is set.
-
-    Raises:
-        ConfigError: when that is no number.
-    """
-    # macOS and Windows have no affinity masks
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    share = os.environ.get("PLAT_CPUS", "")
-    if share and not (share.isdecimal() and int(share)):
-        raise ConfigError(f"PLAT_CPUS is {share!r}, expected a whole number from 1")
-    return min(there, int(share)) if share else there

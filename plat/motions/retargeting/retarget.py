@@ -31,7 +31,7 @@ from plat.motions.retargeting.mocap import FPS, Mocap
 from plat.motions.retargeting.options import SolverOptions
 from plat.motions.retargeting.poselib import holds_poselib, read_poselib
 from plat.motions.retargeting.skeletons import UNITS, SkeletonMap
-from plat.pools import HelperPool, told_if_killed
+from plat.pools import HelperPool, may_start_processes, told_if_killed
 from plat.robots import G1, Robot
 from plat.robots.kinematics import ForwardKinematics
 from plat.rotations import quat_rotate
@@ -270,7 +270,7 @@ def retarget_all(
         _attempt, skeleton=skeleton, robot=robot, options=options, fps=fps, up=up, units=units, angles=angles
     )
     workers = min(workers, len(paths) // _FILES_PER_WORKER)
-    if workers < 2:
+    if workers < 2 or not may_start_processes():
         yield from map(work, paths)
         return
     with told_if_killed(), HelperPool(workers, torch.set_num_threads, 1) as pool:
