@@ -81,7 +81,7 @@ def join_columns(parts: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
     """
     if not parts:
         raise RecordsError("no tables of records to join, expected at least one")
-    if lacking := sorted({name for part in parts for name in part} - set.intersection(*map(set, parts))):
+    if lacking := sorted({name for part in parts for name in part} - set(parts[0]).intersection(*parts)):
         raise RecordsError(f"tables of records to join: not all have the column {lacking[0]!r}, expected the same ones")
     return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
 
