@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from plat import headless  # noqa: F401 - before MuJoCo, which most of plat's packages import
 from plat.moved import install
 
 if TYPE_CHECKING:

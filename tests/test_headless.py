@@ -34,6 +34,22 @@ def test_it_comes_before_mujoco():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.parametrize("first", ["plat", "plat.robots", "plat.motions.library", "plat.control.simulator"])
+def test_whichever_part_of_plat_comes_first_it_came_before(first):
+    # what sees MuJoCo come looks whether the renderer was chosen by then
+    code = f"""
+import importlib.abc, sys
+class Watch(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == "mujoco" and "plat.headless" not in sys.modules:
+            raise SystemExit("MuJoCo comes first")
+sys.meta_path.insert(0, Watch())
+import {first}
+sys.exit("plat.headless" not in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_without_the_library_nothing_is_set_and_mujoco_can_still_be_imported(monkeypatch):
     def missing(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file")

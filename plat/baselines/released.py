@@ -33,7 +33,8 @@ class ReleasedTrackers:
 
     def files(self) -> dict[str, Path | None]:
         """Return the path of each by its name in tables."""
-        return {name: getattr(self, baseline.flag.replace("-", "_")) for name, baseline in CATALOG.items()}
+        given = {name: getattr(self, baseline.flag.replace("-", "_")) for name, baseline in CATALOG.items()}
+        return {name: None if path is None else Path(path) for name, path in given.items()}
 
     def load(self) -> dict[str, Tracker]:
         """Load the trackers whose files were given, by their names in tables.

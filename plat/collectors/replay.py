@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.data.replay_buffers import ImmutableDatasetWriter, Sampler, Storage
 
-from plat.bounds import Count, Robots, check_value
+from plat.bounds import Count, Robots, as_names, check_value
 from plat.collectors.storage import DeviceStorage
 from plat.entries import check_rollout
 from plat.errors import ConfigError, ObservationError, StateError
@@ -47,7 +47,7 @@ class RolloutReplay:
         device = check_device(device, meta=True)
         self.num_envs = num_envs
         self.capacity = capacity
-        self._keys = list(keys)
+        self._keys = list(as_names(keys))
         self.steps = 0
         """Control steps of each robot that were ever written."""
         self._episode = torch.zeros(num_envs, dtype=torch.int64, device=device)

@@ -6,6 +6,7 @@ import numpy as np
 
 from plat.control.chase import ChaseStep
 from plat.control.scores import KeyframeScore, KeyframeScorer, StepErrors
+from plat.errors import StateError
 from plat.rendering.playback import Playback
 
 __all__ = ["record"]
@@ -21,6 +22,9 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]], scorer: KeyframeScorer
         steps: each step with the errors that :class:`plat.control.KeyframeScorer` found.
         scorer: the scorer that found them. Given, the playback tells the outcome of each keyframe in words.
 
+    Raises:
+        StateError: for no steps.
+
     >>> from plat.robots import G1
     >>> from plat.keyframes import KeyframeSequence, standing
     >>> from plat.modules import Expert
@@ -33,6 +37,8 @@ def record(steps: Iterable[tuple[ChaseStep, StepErrors]], scorer: KeyframeScorer
     (array([5, 4, 3, 2, 1, 0]), '1: reached')
     """
     taken = list(steps)
+    if not taken:
+        raise StateError("record: no steps, expected those of a chase; one may end with its first")
     rows = [
         (
             step.before.qpos,

@@ -72,7 +72,7 @@ class PolicyController:
         """Compute joint targets; see :class:`plat.control.Controller`.
 
         Raises:
-            ActionError: for an action that is not finite, naming the joint; it is not remembered.
+            ActionError: for an action that is not finite, naming the joint, or of another size; it is not remembered.
             StateError: naming what is wrong with state, keyframe or time.
         """
         if not (is_finite(steps_left) and 0 < steps_left <= self.timing.max_steps):
@@ -82,7 +82,11 @@ class PolicyController:
         for term in self._observe.terms:
             observation[tuple(term.name.split("."))] = values[:, term.start : term.stop]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            action = self._policy(observation)["action"][0].double().numpy()
+            action = self._policy(observation)["action"]
+        if action.shape != (1, len(self._joint_names)):
+            expected = f"expected [*B, {len(self._joint_names)}], one number a joint"
+            raise ActionError(f"the policy's action has shape {tuple(action.shape)} for one robot, {expected}")
+        action = action[0].double().numpy()
         wrong = np.flatnonzero(~np.isfinite(action))
         if wrong.size:
             raise ActionError(

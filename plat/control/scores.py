@@ -147,6 +147,8 @@ class KeyframeScorer:
     (:meth:`plat.keyframes.KeyframeSequence.sample`), which is the keyframe at the arrival. TKS@3 and its errors follow
     the rules of :func:`plat.evaluation.evaluate`.
 
+    Keyframes are told apart by their numbers: where a chase's sequence is replaced, begin with another scorer.
+
     Args:
         robot: the robot.
         limits: what counts as reached, as too far, and as fallen.
@@ -208,8 +210,8 @@ class KeyframeScorer:
         return {index: steps for index, steps in self._steps.items() if steps[-1][0].command.steps_left == 1}
 
     def hold(self) -> HoldScore | None:
-        """Return the score of the hold so far; None before it."""
-        if not self._hold:
+        """Return the score of the hold so far; None before it, and of a chase whose last arrival was not added."""
+        if not self._hold or not self._steps:
             return None
         arrival = self._steps[max(self._steps)][-1]
         held = [(time - arrival[0].time, down, near, feet) for time, down, near, feet in self._hold]

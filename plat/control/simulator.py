@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from plat.bounds import Positive, check_value
 from plat.deploy import Pose, RobotState
+from plat.deploy.state import finite_vector, root_of
 from plat.errors import ActionError, RobotError, StateError
 from plat.spec.timing import Timing
 
@@ -65,13 +66,13 @@ class Simulator:
         """Reset the robot to a pose, at rest.
 
         Raises:
-            StateError: for a pose of another number of joints, or under the floor.
+            StateError: for a pose of another number of joints, that is not finite or whose quaternion is none, or
+                under the floor.
         """
-        joints = self.model.nq - 7
-        if np.shape(pose.joint_pos) != (joints,):
-            raise StateError(f"pose: joint_pos has shape {np.shape(pose.joint_pos)}, expected {(joints,)}")
+        joint_pos = finite_vector("pose: joint_pos", getattr(pose, "joint_pos", None), self.model.nq - 7)
+        root_pos, root_quat = root_of("pose", pose)
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = np.concatenate((pose.root_pos, pose.root_quat, pose.joint_pos))
+        self.data.qpos[:] = np.concatenate((root_pos, root_quat, joint_pos))
         mujoco.mj_forward(self.model, self.data)
         contact = self.data.contact
         of_world = (self.model.geom_bodyid[contact.geom] == 0).any(-1)
@@ -108,6 +109,7 @@ class Simulator:
         """
         if np.shape(joint_target) != self.data.ctrl.shape:
             raise ActionError(f"joint_target has shape {np.shape(joint_target)}, expected {self.data.ctrl.shape}")
+        joint_target = np.asarray(joint_target)  # of a tensor, NumPy's checks are tensors as well, and invert otherwise
         wrong = np.flatnonzero(~np.isfinite(joint_target))
         if wrong.size:
             name = self.model.actuator(wrong[0]).name
@@ -125,5 +127,11 @@ class Simulator:
             raise ActionError(f"the simulation diverged {time:.2f} s after its start: targets or pushes are too large")
 
     def push(self, velocity_w: NDArray[np.floating]) -> None:
-        """Add ``velocity_w`` ``[3]`` (m/s, world) to the velocity of the whole robot at once: a shove."""
-        self.data.qvel[:3] += velocity_w
+        """Add ``velocity_w`` ``[3]`` (m/s, world) to the velocity of the whole robot at once: a shove.
+
+        Raises:
+            StateError: for another number of values: one alone would push along all axes.
+        """
+        if np.shape(velocity_w) != (3,):
+            raise StateError(f"push: velocity_w has shape {np.shape(velocity_w)}, expected (3,)")
+        self.data.qvel[:3] += np.asarray(velocity_w)

@@ -16,7 +16,7 @@ from plat.deploy.state import Array, Pose, RobotState, state_widths
 from plat.errors import StateError
 from plat.json_file import short
 from plat.rotations_np import UNIT_TOLERANCE, quat_to_matrix
-from plat.spec.observation import OPTIONAL_GROUPS, STUDENT_GROUPS, as_observed, observed, table
+from plat.spec.observation import STUDENT_GROUPS, as_observed, observed, optional_groups, student_keys, table
 from plat.spec.parts import WHOLE_ONLY, Parts
 from plat.spec.timing import SOON, Timing
 from plat.words import counted
@@ -55,6 +55,9 @@ def observation_terms(num_joints: int, num_keypoints: int, also: Sequence[str] =
         num_keypoints: K.
         also: groups that follow, some of :data:`plat.spec.observation.OPTIONAL_GROUPS`.
 
+    Raises:
+        ObservationError: for another group.
+
     >>> terms = observation_terms(num_joints=29, num_keypoints=14)
     >>> terms[0]
     ObservationTerm(name='robot.joint_pos', start=0, stop=29, unit='rad', frame='relative to the default pose')
@@ -62,7 +65,7 @@ def observation_terms(num_joints: int, num_keypoints: int, also: Sequence[str] =
     ('command.horizon', 177)
     """
     terms, start = [], 0
-    for group in (*STUDENT_GROUPS, *(group for group in OPTIONAL_GROUPS if group in also)):
+    for group in (*STUDENT_GROUPS, *optional_groups(student_keys(also))):
         for entry in table().entries(group):
             stop = start + entry.width(num_joints, num_keypoints)
             terms.append(ObservationTerm(f"{group}.{entry.name}", start, stop, entry.unit, entry.frame))
@@ -84,6 +87,7 @@ class ObservationBuilder:
     Raises:
         RobotError: for what is no description of a robot.
         ConfigError: for what is no number of steps.
+        ObservationError: for a group that is not optional.
 
     >>> from types import SimpleNamespace
     >>> from plat.robots import G1
@@ -116,7 +120,7 @@ class ObservationBuilder:
         self._soon = robot.control_dt / SOON
         self._joints = joints
         self._whole = np.ones(joints + keypoints + 3)
-        self.also = tuple(group for group in OPTIONAL_GROUPS if group in also)
+        self.also = optional_groups(student_keys(also))
         """Groups that are observed beside robot, goal and command."""
         self._state_widths = state_widths(joints)
         self._pose_widths = {"root_pos": 3, "root_quat": 4, "joint_pos": joints}

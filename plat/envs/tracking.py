@@ -260,7 +260,7 @@ class MotionTrackingEnv(EnvBase):
             self._frame = self._frame.index_copy(0, ids, self._starts.draw_frames(len(ids)))
         else:
             start = torch.as_tensor(start, device=self.device)
-            if start.shape != self.batch_size or start.is_floating_point():
+            if start.shape != self.batch_size or start.is_floating_point() or start.dtype == torch.bool:
                 found = f"{str(start.dtype).removeprefix('torch.')} of shape {tuple(start.shape)}"
                 raise MotionError(f"environment reset: start is {found}, expected a whole number for each robot")
             start = start[ids]

@@ -20,7 +20,9 @@ from plat.envs.transforms import FirstFrames, KeyframeClock, KeyframeCommand, Re
 from plat.envs.transforms.command import CommandSchedule
 from plat.envs.transforms.settings import TerminationLimits
 from plat.envs.transforms.terminations import off_pose
+from plat.errors import KeyframeError
 from plat.evaluation.finite import check_actions
+from plat.json_file import short
 from plat.motions import MotionClip, MotionLibrary
 from plat.robots import Robot
 from plat.spec.observation import optional_groups
@@ -96,6 +98,10 @@ class AuthoredRollout:
         num_threads: threads of the physics pool.
         device: where the policy and tensors live.
 
+    Raises:
+        KeyframeError: for no chains, and chains of different lengths.
+        ConfigError: for a policy that writes no ``action``.
+
     Attributes:
         timing: of the policy.
         library: the lines between keyframes as clips of equal length.
@@ -117,6 +123,7 @@ class AuthoredRollout:
         device: torch.device | str = "cpu",
     ):
         check_policy(policy, "authored keyframes")
+        _check_chains(chains)
         self.timing = timing_of(policy) or Timing()
         self._policy = policy
         dt = chains[0].sequence.timing.control_dt
@@ -192,6 +199,20 @@ class AuthoredRollout:
         steps = range(every, int(self.ends.max()) + 1, every)
         drawn = torch.stack([pushes.along(chain, len(steps)) for chain in self._chains], 1)
         return dict(zip(steps, drawn, strict=True))
+
+
+def _check_chains(chains: Sequence[Authored]) -> None:
+    """Raise an error for what cannot be rolled out side by side."""
+    if not isinstance(chains, Sequence) or not all(isinstance(chain, Authored) for chain in chains):
+        raise KeyframeError(f"authored keyframes: chains is {short(chains)}, expected those of plat.control.author")
+    if not chains:
+        raise KeyframeError("authored keyframes: no chains, expected at least one")
+    lengths = sorted({len(chain.sequence) for chain in chains})
+    if len(lengths) > 1:
+        raise KeyframeError(
+            f"authored keyframes: chains of {lengths[0]} to {lengths[-1]} keyframes, expected as many in each; for a "
+            "policy whose commands are shorter than a family's, some of its intervals are split"
+        )
 
 
 def _lines(robot: Robot, chains: Sequence[Authored], last: int, dt: float) -> MotionLibrary:

@@ -47,8 +47,11 @@ class BundlePolicy(TensorDictModuleBase):
         self._session = open_session(path if path.suffix == ".onnx" else path / NETWORK_FILE)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write ``action``."""
+        """Write ``action`` ``[*B, J]``."""
         observation = torch.cat([tensordict[key] for key in self.in_keys], -1)
-        (target,) = self._session.run([OUTPUT], {INPUT: observation.cpu().numpy().astype(np.float32)})
+        rows = observation.reshape(-1, observation.shape[-1])  # the network's batch has one dimension
+        target = np.empty((0, len(self._default)), np.float32)
+        if len(rows):
+            (target,) = self._session.run([OUTPUT], {INPUT: rows.cpu().numpy().astype(np.float32)})
         action = (torch.from_numpy(target) - self._default) / self._scale
-        return tensordict.set("action", action.to(observation))
+        return tensordict.set("action", action.view(*observation.shape[:-1], len(self._default)).to(observation))

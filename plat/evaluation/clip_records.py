@@ -70,8 +70,10 @@ class ClipRecords:
         """Return the rows of several tables, one after the other.
 
         Raises:
-            RecordsError: when they were judged by different rules.
+            RecordsError: when they were judged by different rules; for no tables, and a column that one of them lacks.
         """
+        if not parts:
+            raise RecordsError("no tables of records to join, expected at least one")
         rules = {part.rule for part in parts}
         if len(rules) != 1:
             raise RecordsError(f"clips judged by the rules {sorted(rules)}, expected one rule in a table")

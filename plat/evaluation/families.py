@@ -78,7 +78,7 @@ def families_of(clips: Sequence[str], families: dict[str, str], files: Iterable[
     files = _paths("families_of: files", files)
     prefixes = {f"{readable(name)}_" for path in files for name in (path.stem, path.absolute().parent.name)}
     found = [_family(clip, families, prefixes) for clip in clips]
-    if not any(found):
+    if found and not any(found):
         raise RecordsError(
             f"manifest: names none of the {counted(len(clips), 'clip')}, which are called {clips[0]!r} and so on"
         )

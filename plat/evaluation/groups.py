@@ -10,10 +10,10 @@ from plat.errors import RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, report, report_clips
-from plat.evaluation.score_table import GROUP_METRICS, Metric
+from plat.evaluation.score_table import GROUP_METRICS, Metric, metric_named
 from plat.words import counted
 
-__all__ = ["GroupScore", "group_table", "score_groups"]
+__all__ = ["GroupScore", "group_table", "metric_of", "score_groups"]
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,15 @@ def score_groups(
         resamples: of the bootstrap.
 
     Raises:
-        RecordsError: when there are not as many labels as rows.
+        RecordsError: for no records, and when there are not as many labels as rows.
     """
-    if len(labels) != len(runs[0].clip):
-        raise RecordsError(
-            f"{counted(len(labels), 'label')} for {counted(len(runs[0].clip), 'row')} of records, expected one each"
-        )
+    if not runs:
+        raise RecordsError("no records, expected those of at least one run")
+    for run in runs:
+        if len(labels) != len(run.clip):
+            raise RecordsError(
+                f"{counted(len(labels), 'label')} for {counted(len(run.clip), 'row')} of records, expected one each"
+            )
     groups = [name for name in order if name in labels] + sorted(set(labels) - set(order))
     scores = []
     for group in groups:
@@ -73,9 +76,23 @@ def _report(parts: list[Any], resamples: int) -> dict[str, Estimate]:
     return (report_clips if isinstance(parts[0], ClipRecords) else report)(parts, resamples=resamples)
 
 
+def metric_of(scores: Sequence[GroupScore], metric: str) -> Metric:
+    """Return a metric that all groups are scored by.
+
+    Raises:
+        RecordsError: for another one, with those that they are scored by.
+    """
+    known = {name: one for name, one in GROUP_METRICS.items() if all(name in score.figures for score in scores)}
+    return metric_named(metric, known)
+
+
 def group_table(scores: Sequence[GroupScore], metric: str = "tks") -> str:
-    """Return one metric as a Markdown table: a row per policy, a column per group with its count."""
-    shown: Metric = GROUP_METRICS[metric]
+    """Return one metric as a Markdown table: a row per policy, a column per group with its count.
+
+    Raises:
+        RecordsError: for a metric that the groups are not scored by.
+    """
+    shown = metric_of(scores, metric)
     columns = {score.group: score.count for score in scores}
     head = [shown.heading, *(f"{group} ({count})" for group, count in columns.items())]
     rows = [head]

@@ -74,7 +74,15 @@ def read_columns(path: Path, make: Callable[[Mapping[str, Tensor]], _Table]) -> 
 
 
 def join_columns(parts: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
-    """Return columns whose rows are those of several tables, one after the other."""
+    """Return columns whose rows are those of several tables, one after the other.
+
+    Raises:
+        RecordsError: for no tables, and a column that one of them lacks.
+    """
+    if not parts:
+        raise RecordsError("no tables of records to join, expected at least one")
+    if lacking := sorted({name for part in parts for name in part} - set(parts[0]).intersection(*parts)):
+        raise RecordsError(f"tables of records to join: not all have the column {lacking[0]!r}, expected the same ones")
     return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -154,7 +162,11 @@ class CommandRecords:
 
     @classmethod
     def joined(cls, parts: "Sequence[CommandRecords]") -> "CommandRecords":
-        """Return the rows of several tables, one after the other."""
+        """Return the rows of several tables, one after the other.
+
+        Raises:
+            RecordsError: for no tables, and a column that one of them lacks, such as ``source``.
+        """
         return cls.from_columns(join_columns([part.columns() for part in parts]))
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:

@@ -72,7 +72,7 @@ def report(
         succeed, or none falls, samples are all alike, and the interval is that of :func:`share`.
 
     Raises:
-        RecordsError: when the tables are of different commands.
+        RecordsError: when the tables are of different commands, or of none.
     """
     return _estimates(_Table(_as_runs(records, CommandRecords), penalties or Penalties()), resamples, seed)
 
@@ -92,7 +92,7 @@ def report_clips(
         over all but a clip's first, ``accel_dist`` (m/frame²).
 
     Raises:
-        RecordsError: when the tables are of different clips, or judged by different rules.
+        RecordsError: when the tables are of different clips or of none, or judged by different rules.
     """
     return _estimates(_Table(_as_runs(records, ClipRecords), Penalties()), resamples, seed)
 
@@ -119,7 +119,7 @@ def compare(
         interval are nan.
 
     Raises:
-        RecordsError: when the records are of different commands.
+        RecordsError: when the records are of different commands, or of none.
     """
     tables = [_Table(_as_runs(records), penalties or Penalties()) for records in (ours, theirs)]
     if tables[0].rule != tables[1].rule:
@@ -159,9 +159,9 @@ class _Table:
     """Numerators and denominators of each metric, summed over the commands of a motion: ``[runs, motions]``."""
 
     def __init__(self, runs: "list[CommandRecords] | list[ClipRecords]", penalties: Penalties):
-        if not runs:
-            raise RecordsError("no records, expected those of at least one run")
         self.commands = _commands(runs[0])
+        if not self.commands.shape[1]:
+            raise RecordsError("records of no commands or clips, expected at least one")
         rules = {run.rule if isinstance(run, ClipRecords) else None for run in runs}
         if len(rules) != 1:
             raise RecordsError(f"clips judged by the rules {sorted(map(str, rules))}, expected one rule")
@@ -247,6 +247,8 @@ def _as_runs(records: Any, *kinds: type) -> Any:
     if runs is None or not all(isinstance(run, kinds) for run in runs):
         expected = " or ".join(kind.__name__ for kind in kinds)
         raise RecordsError(f"records are {short(records)}, expected {expected}, or a list of them")
+    if not runs:
+        raise RecordsError("no records, expected those of at least one run")
     return runs
 
 

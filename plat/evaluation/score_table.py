@@ -4,11 +4,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+from plat.errors import RecordsError
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, compare, report
 from plat.files import replace_table
+from plat.json_file import short
 from plat.words import percent
 
 __all__ = [
@@ -24,6 +27,7 @@ __all__ = [
     "difference_table",
     "differences",
     "markdown",
+    "metric_named",
     "metrics_table",
     "overview",
     "paired",
@@ -64,12 +68,12 @@ class Metric:
         """Return a value in the unit of tables; an estimate with its interval; a dash for what was not measured.
 
         A percentage is rounded as by :func:`plat.words.percent`, but for one with a sign, which is a difference. An
-        interval without a width, as of one motion, says nothing of others and is left out.
+        interval without a width, as of one motion, or without known ends says nothing of others and is left out.
         """
         if isinstance(value, Estimate):
             if math.isnan(value.value):
                 return "-"
-            if value.low == value.value == value.high:
+            if value.low == value.value == value.high or math.isnan(value.low) or math.isnan(value.high):
                 return self._rounded(value.value, sign)
             middle, low, high = (self._rounded(part, sign) for part in (value.value, value.low, value.high))
             return f"{middle} ({low}-{high})"
@@ -119,6 +123,22 @@ GROUP_METRICS = METRICS | CLIP_METRICS | AUTHORED_METRICS
 """All that a group can be scored by."""
 HEADLINE = ("tks", "mpjpe", "mpkpe")
 """The three metrics of the paper."""
+
+
+def metric_named(name: str, known: Mapping[str, Metric] = MappingProxyType(METRICS)) -> Metric:
+    """Return a metric by its name in :data:`METRICS` or another table of them.
+
+    Raises:
+        RecordsError: for another name, with those that there are.
+
+    >>> metric_named("tks").heading
+    'TKS@3 (%)'
+    """
+    if not isinstance(name, str) or name not in known:
+        raise RecordsError(f"metric {short(name)}: expected one of {', '.join(known)}")
+    return known[name]
+
+
 COLUMNS = ("policy", "horizon", "seeds", "metric", "value", "low", "high")
 """Of the table that :func:`rows` lists."""
 
@@ -140,9 +160,10 @@ class Score:
     figures: dict[str, Estimate]
 
     @classmethod
-    def of(cls, policy: str, horizon: str, records: Sequence[CommandRecords]) -> "Score":
-        """Return the score of command records."""
-        return cls(policy, horizon, tuple(records), report(records))
+    def of(cls, policy: str, horizon: str, records: CommandRecords | Sequence[CommandRecords]) -> "Score":
+        """Return the score of command records: of one table, or of one for each training seed."""
+        runs = (records,) if isinstance(records, CommandRecords) else tuple(records)
+        return cls(policy, horizon, runs, report(runs))
 
 
 def rows(scores: Iterable[Score]) -> list[tuple[str, str, int, str, float, float, float]]:

@@ -204,5 +204,6 @@ def _partial(
     masks = []
     for row, clip in enumerate(clips):
         count = int((of_clip == row).sum())
-        masks.append(draw_parts(library.robot, count + 1, seed * 1_000_003 + clip, (kind,), root=False)[1:])
+        drawn_from = (seed * 1_000_003 + clip) % 2**32  # torch's generator on a CPU takes no more of it
+        masks.append(draw_parts(library.robot, count + 1, drawn_from, (kind,), root=False)[1:])
     return schedule.with_parts(torch.cat(masks))

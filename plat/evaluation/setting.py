@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torchrl.envs import Transform
 
-from plat.bounds import Bounded, Count, Robots, Seed
+from plat.bounds import Bounded, Count, Robots, Seed, check_value
 from plat.envs.transforms import NEXT_FRAME, DenseGoal, RandomizationRanges, TerminationLimits
 from plat.evaluation.disturbance import Disturbance
 from plat.evaluation.in_between import PlannedGoal
@@ -66,6 +66,9 @@ class ReferenceView:
         observe: adds what the policy reads beside those groups.
         interface: motion that a dense tracker is shown on its way to a keyframe; of no effect with ``dense``.
 
+    Raises:
+        ConfigError: for an interface of another name.
+
     >>> ReferenceView().command_group, ReferenceView(dense=True).command_group
     ('goal', 'keyframe')
     """
@@ -74,6 +77,10 @@ class ReferenceView:
     goals: Mapping[str, int] = field(default_factory=lambda: NEXT_FRAME)
     observe: Observe | None = None
     interface: Interface = "next-frame"
+
+    def __post_init__(self) -> None:
+        # one of another name would be a line to the keyframe, and the scores those of a line
+        check_value("reference view: interface", self.interface, Interface)
 
     @property
     def planned(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from plat.bounds import as_names
 from plat.errors import RecordsError
-from plat.evaluation.score_table import HEADLINE, METRICS, Score
+from plat.evaluation.score_table import HEADLINE, Score, metric_named
 from plat.figures.style import PAGE, looks, paper_style, policies
 
 __all__ = ["ablation_bars"]
@@ -22,7 +22,7 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
         metrics: names in :data:`plat.evaluation.METRICS`.
 
     Raises:
-        RecordsError: when no policy was scored at the horizon.
+        RecordsError: when no policy was scored at the horizon, and for another metric, or none.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     rows = [score for score in scores if score.horizon == horizon]
@@ -33,11 +33,14 @@ def ablation_bars(scores: Sequence[Score], horizon: str, metrics: Sequence[str] 
     drawn = looks(policies(scores))
     places = np.arange(len(rows))
     metrics = as_names(metrics)
+    shown = {name: metric_named(name) for name in metrics}
+    if not shown:
+        raise RecordsError("bars: no metrics, expected at least one")
     with paper_style() as plt:
         size = (PAGE, 0.45 + 0.19 * len(rows))
         figure, panels = plt.subplots(1, len(metrics), figsize=size, sharey=True, squeeze=False)
         for panel, key in zip(panels[0], metrics, strict=True):
-            metric, figures = METRICS[key], [row.figures[key] for row in rows]
+            metric, figures = shown[key], [row.figures[key] for row in rows]
             values = metric.factor * np.array([figure.value for figure in figures])
             spread = metric.factor * np.array([[f.value - f.low for f in figures], [f.high - f.value for f in figures]])
             colors = [drawn[row.policy].color for row in rows]

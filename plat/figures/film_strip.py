@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plat.bounds import Count, check_value
+from plat.errors import RecordsError
 from plat.figures.style import PAGE, paper_style
 
 if TYPE_CHECKING:  # a figure is drawn without OpenGL; only the stage that it is given needs that
@@ -28,8 +30,13 @@ def film_strip(stage: "Stage", playbacks: "Mapping[str, Playback]", commands: in
         last: what the last picture shows.
 
     Raises:
+        RecordsError: without playbacks.
+        ConfigError: for a number of keyframes that is none.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
+    check_value("film strip: commands", commands, Count)
+    if not playbacks:
+        raise RecordsError("film strip: no playbacks, expected at least one")
     first = next(iter(playbacks.values()))
     starts = _starts(first)[:commands]
     lengths = first.command_length[starts]

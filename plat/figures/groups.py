@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from plat.errors import RecordsError
-from plat.evaluation.groups import GroupScore
-from plat.evaluation.score_table import GROUP_METRICS
-from plat.figures.style import PAGE, looks, paper_style
+from plat.evaluation.groups import GroupScore, metric_of
+from plat.figures.style import PAGE, in_legend, looks, paper_style
 
 __all__ = ["group_plot"]
 
@@ -24,12 +23,12 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
             keyframes.
 
     Raises:
-        RecordsError: without scores.
+        RecordsError: without scores, and for another metric.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     if not scores:
         raise RecordsError("plot by groups: no scores, expected at least one")
-    shown = GROUP_METRICS[metric]
+    shown = metric_of(scores, metric)
     groups = {score.group: score.count for score in scores}
     drawn = looks(list(dict.fromkeys(score.policy for score in scores)))
     with paper_style() as plt:
@@ -52,7 +51,7 @@ def group_plot(scores: Sequence[GroupScore], metric: str = "tks") -> Any:
                 markersize=3.5,
                 elinewidth=0.8,
                 capsize=1.5,
-                label=name,
+                label=in_legend(name),
             )
         turned = len(groups) * max(map(len, groups)) > _LETTERS
         between = " " if turned else "\n"

@@ -10,12 +10,13 @@ import torch
 from plat.errors import RecordsError
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.score_table import Score
-from plat.figures.style import PAGE, looks, paper_style, policies
+from plat.figures.style import PAGE, in_legend, looks, paper_style, policies
 
 __all__ = ["horizon_plot"]
 
 _EDGES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # seconds; behind them every half second
 _SPREAD = 5.0  # factor between errors from which the scale is logarithmic
+_LEAST_SPAN = 5.0  # percent
 
 
 def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
@@ -50,9 +51,12 @@ def horizon_plot(scores: Sequence[Score], dt: float = 0.02) -> Any:
                     linewidth=look.width,
                     marker=look.marker,
                     markersize=3,
-                    label=name,
+                    label=in_legend(name),
                 )
         success.set(xlabel="time of the command (s)", ylabel="TKS@3 (%)", xlim=(0, None))
+        low, high = success.get_ylim()
+        wider = max(0.0, _LEAST_SPAN - (high - low)) / 2
+        success.set_ylim(max(low - wider, -1.0), min(high + wider, 101.0))  # there is no share beyond 100 %
         error.set(xlabel="time of the command (s)", ylabel="MPKPE@3, all commands (mm)", xlim=(0, None), ylim=(0, None))
         drawn_errors = [value for line in error.lines for value in line.get_ydata() if value > 0]
         if max(drawn_errors, default=1.0) > _SPREAD * min(drawn_errors, default=1.0):

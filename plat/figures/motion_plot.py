@@ -60,7 +60,8 @@ def _draw_joints(panel: Any, time: np.ndarray, clip: MotionClip, robot: Robot) -
         label = name.replace("_", " ") if joint in nearest else None
         panel.plot(time, share[:, joint], color=None if label else "0.8", label=label, zorder=2 if label else 1)
     panel.axhspan(0, 1, color="0.95", zorder=0)
-    panel.set(ylabel="joint angle within its limits", ylim=(-0.15, 1.15), title=clip.name)
+    panel.set(ylabel="joint angle within its limits", ylim=(-0.15, 1.15))
+    panel.set_title(clip.name, parse_math=False)  # a name is no formula
     panel.legend(fontsize=7, ncols=5, loc="lower center", frameon=False)
 
 

@@ -47,5 +47,5 @@ def motion_sheet(stage: "Stage", clips: Sequence[MotionClip], columns: int = 8) 
             panel.imshow(picture)
             panel.set_axis_off()
             panel.set_title(f"{frame / clip.fps:.1f} s", fontsize=7, pad=2)
-        row[0].text(0, 1.16, clip.name, fontsize=8, transform=row[0].transAxes)
+        row[0].text(0, 1.16, clip.name, fontsize=8, transform=row[0].transAxes, parse_math=False)
     return figure

@@ -8,8 +8,8 @@ import numpy as np
 
 from plat.bounds import as_names
 from plat.errors import RecordsError
-from plat.evaluation.score_table import HEADLINE, METRICS, Score
-from plat.figures.style import PAGE, looks, paper_style, policies
+from plat.evaluation.score_table import HEADLINE, METRICS, Score, metric_named
+from plat.figures.style import PAGE, in_legend, looks, paper_style, policies
 
 __all__ = ["radar_plot"]
 
@@ -25,7 +25,7 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
         metrics: names in :data:`plat.evaluation.METRICS`.
 
     Raises:
-        RecordsError: for fewer than three horizons, or when every policy lacks one.
+        RecordsError: for fewer than three horizons, when every policy lacks one, and for another metric, or none.
         RenderingError: when the extra ``plat-rl[figures]`` is not installed.
     """
     horizons = list(dict.fromkeys(score.horizon for score in scores))
@@ -38,6 +38,8 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
     drawn = looks(policies(scores))
     angles = np.linspace(0, 2 * np.pi, len(horizons), endpoint=False)
     metrics = as_names(metrics)
+    if not [metric_named(name) for name in metrics]:
+        raise RecordsError("radar plot: no metrics, expected at least one")
     with paper_style() as plt:
         size = (PAGE / 3 * len(metrics), PAGE / 3 + 0.25)
         figure, panels = plt.subplots(1, len(metrics), figsize=size, subplot_kw={"projection": "polar"}, squeeze=False)
@@ -58,7 +60,7 @@ def radar_plot(scores: Sequence[Score], metrics: Sequence[str] = HEADLINE) -> An
                     linewidth=look.width,
                     marker=look.marker,
                     markersize=3,
-                    label=name,
+                    label=in_legend(name),
                     clip_on=False,
                 )
             panel.set_theta_zero_location("N")

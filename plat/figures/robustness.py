@@ -6,7 +6,7 @@ from typing import Any
 from plat.errors import RecordsError
 from plat.evaluation.disturbance import STRENGTHS
 from plat.evaluation.study import CurvePoint
-from plat.figures.style import PAGE, looks, paper_style
+from plat.figures.style import PAGE, in_legend, looks, paper_style
 
 __all__ = ["robustness_plot"]
 
@@ -54,7 +54,7 @@ def robustness_plot(points: Sequence[CurvePoint]) -> Any:
                     linewidth=look.width,
                     marker=look.marker,
                     markersize=3,
-                    label=policy,
+                    label=in_legend(policy),
                 )
                 if policy in banded:
                     low, high = ([getattr(point.tks, end) for point in curve] for end in ("low", "high"))

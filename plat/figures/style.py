@@ -10,7 +10,7 @@ from typing import Any
 from plat.evaluation.score_table import Score
 from plat.figures.pyplot import pyplot, write_figure
 
-__all__ = ["COLUMN", "PAGE", "Look", "looks", "paper_style", "policies", "save_figure"]
+__all__ = ["COLUMN", "PAGE", "Look", "in_legend", "looks", "paper_style", "policies", "save_figure"]
 
 COLUMN = 3.4
 """Width of a column (inches)."""
@@ -31,6 +31,7 @@ _PAPER = {
     "grid.alpha": 0.35,
     "legend.frameon": False,
     "pdf.fonttype": 42,  # letters stay letters, which publishers ask for
+    "text.parse_math": False,  # names of policies and families are no formulas, whatever is in them
     "figure.constrained_layout.use": True,
 }
 
@@ -109,6 +110,15 @@ def _row(name: str) -> str:
 def policies(scores: Sequence[Score]) -> list[str]:
     """Return the names of the policies, in the order of the scores."""
     return list(dict.fromkeys(score.policy for score in scores))
+
+
+def in_legend(name: str) -> str:
+    """Return a name as it stands in a legend: Matplotlib leaves out what begins with an underscore.
+
+    >>> in_legend("_best"), in_legend("PLAT")
+    (' _best', 'PLAT')
+    """
+    return f" {name}" if name.startswith("_") else name
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from plat.bounds import as_names
 from plat.errors import RecordsError
 from plat.evaluation.report import success_curve
 from plat.evaluation.score_table import Score
-from plat.figures.style import COLUMN, PAGE, looks, paper_style, policies
+from plat.figures.style import COLUMN, PAGE, in_legend, looks, paper_style, policies
 
 __all__ = ["success_plot"]
 
@@ -45,7 +45,7 @@ def success_plot(scores: Sequence[Score], horizons: Sequence[str]) -> Any:
             for score in (score for score in scores if score.horizon == horizon):
                 meters, share = (part.numpy() for part in success_curve(score.records, points=251))
                 look, area = drawn[score.policy], score.figures["success_area"].value
-                label = f"{score.policy} ({area:.1f})"
+                label = f"{in_legend(score.policy)} ({area:.1f})"
                 panel.plot(1000 * meters, 100 * share, look.dashes, color=look.color, linewidth=look.width, label=label)
             panel.set(xlim=(0, 1000 * meters[-1]), ylim=(0, 101), xlabel="world keypoint error at arrival (mm)")
             panel.set_title(horizon.capitalize(), pad=3)

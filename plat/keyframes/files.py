@@ -118,10 +118,15 @@ def write_keyframes(path: Path, robot: RobotJoints, start: Keyframe, keyframes: 
 
 
 def keyframe_to_json(keyframe: Keyframe, robot: RobotJoints) -> dict[str, Any]:
-    """Return a keyframe as it stands in files, for messages between programs."""
+    """Return a keyframe as it stands in files, for messages between programs.
+
+    Raises:
+        KeyframeError: naming the field, for a pose that is none of the robot's: :func:`keyframe_from_json` would not
+            take it either.
+    """
     check_keyframe("keyframe", keyframe)
-    check_robot(robot)
-    return {"time": keyframe.time, **_entry(keyframe, robot)}
+    checked = keyframe.checked(robot)
+    return {"time": checked.time, **_entry(checked, robot)}
 
 
 def keyframe_from_json(entry: Any, robot: RobotJoints) -> Keyframe:

@@ -261,7 +261,7 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
         time: seconds, from ``before.time`` to ``after.time``.
 
     Raises:
-        KeyframeError: for times that are not finite, and keyframes of one time.
+        KeyframeError: for times that are not finite, keyframes of one time, and poses of different sizes.
 
     >>> from plat.robots import G1
     >>> low = standing(G1)
@@ -274,12 +274,22 @@ def interpolate(before: Keyframe, after: Keyframe, time: float) -> Keyframe:
     if not all(map(is_finite, (time, before.time, after.time))) or before.time == after.time:
         between = f"between {short(before.time)} and {short(after.time)} s"
         raise KeyframeError(f"time is {short(time)} s {between}, expected different times")
-    weight = (time - before.time) / (after.time - before.time)
+    time, begin, end = float(time), float(before.time), float(after.time)  # they may be arrays without axes
+    weight = (time - begin) / (end - begin)
+    joints = np.size(before.joint_pos)
+    (first_pos, first_quat, first_joints), (last_pos, last_quat, last_joints) = (
+        (
+            _vector("root_pos", pose.root_pos, 3, "x, y, z"),
+            _vector("root_quat", pose.root_quat, 4, "w, x, y, z"),
+            _vector("joint_pos", pose.joint_pos, joints, "one angle a joint"),
+        )
+        for pose in (before, after)
+    )
     return Keyframe(
         time,
-        before.root_pos + weight * (after.root_pos - before.root_pos),
-        quat_slerp(before.root_quat, after.root_quat, weight),
-        before.joint_pos + weight * (after.joint_pos - before.joint_pos),
+        first_pos + weight * (last_pos - first_pos),
+        quat_slerp(first_quat, last_quat, weight),
+        first_joints + weight * (last_joints - first_joints),
     )
 
 

@@ -64,8 +64,8 @@ def only(
         name: label in tables and messages.
 
     Raises:
-        KeyframeError: when nothing is given, a name does not exist, a position has not three numbers, or a body
-            comes no nearer to it than 5 cm.
+        KeyframeError: when nothing is given, a name does not exist or is given twice, a position has not three
+            numbers, or a body comes no nearer to it than 5 cm.
 
     >>> from plat.robots import G1
     >>> keyframe = only(G1, 1.0, left_hand=(0.35, 0.2, 0.95), right_hand=(0.35, -0.2, 0.95))
@@ -77,9 +77,16 @@ def only(
             raise KeyframeError(f"{field} is {short(given)}, expected values by name")
     wanted = dict(bodies or {})
     if left_hand is not None or right_hand is not None:
-        for place, body in zip((left_hand, right_hand), hands_of(robot), strict=True):
-            if place is not None:
-                wanted[body] = place
+        for side, place, body in zip(("left", "right"), (left_hand, right_hand), hands_of(robot), strict=True):
+            if place is None:
+                continue
+            if not body:
+                raise KeyframeError(
+                    f"{side}_hand: nothing says which body of {robot.name!r} it is, expected its name in bodies"
+                )
+            if body in wanted:
+                raise KeyframeError(f"{side}_hand: {body!r} is among bodies as well, expected one place for it")
+            wanted[body] = place
     angles = {joint_called(name, robot.joint_names): angle for name, angle in (joints or {}).items()}
     if len(angles) < len(joints or {}):
         raise KeyframeError(f"joints: {short(list(joints or {}))} name one joint twice, expected each once")

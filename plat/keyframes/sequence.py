@@ -312,7 +312,7 @@ def split_long_intervals(
     The way begins where the robot probably is, see :func:`plat.keyframes.roots.as_arrived`.
 
     Raises:
-        KeyframeError: for times that do not increase, or are none.
+        KeyframeError: for times that do not increase, or are none, and for what is no pose.
 
     >>> from plat.robots import G1
     >>> pose = standing(G1)
@@ -335,7 +335,11 @@ def split_long_intervals(
         for part in range(1, parts):
             time = round((first + part * steps // parts) * timing.control_dt, 6)
             name = keyframe.name and f"{keyframe.name} {part}/{parts}"
-            result.append(replace(interpolate(before, keyframe, time), name=name, commands=keyframe.commands))
+            try:
+                pose = interpolate(before, keyframe, time)
+            except KeyframeError as error:
+                raise KeyframeError(f"{label}: {error}") from None
+            result.append(replace(pose, name=name, commands=keyframe.commands))
         result.append(keyframe)
         before = as_arrived(before, keyframe)
     return tuple(result)
@@ -345,6 +349,7 @@ def _between(poses: Sequence[Keyframe], time: float) -> Keyframe:
     """Return the pose at a time (s) between poses, or the one at the end that is nearest."""
     if not is_finite(time):
         raise KeyframeError(f"time is {short(time)}, expected a finite number of seconds")
+    time = float(time)  # it may be an array without axes
     after = bisect_right([pose.time for pose in poses], time)
     if after in (0, len(poses)):
         return poses[min(after, len(poses) - 1)].at(time)

@@ -7,7 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
-from plat.bounds import Count, check_value
+from plat.bounds import Count, as_names, check_value
 from plat.entries import Shape, check_entries, expects
 from plat.errors import ActionError, ConfigError
 from plat.modules.settings import NormalizerConfig
@@ -56,7 +56,7 @@ class ObservationNormalizer(nn.Module):
             raise ConfigError(f"widths: {sum(widths)} in all, expected num_features, {num_features}")
         self.widths = None if widths is None else tuple(widths)
         config = config or NormalizerConfig()
-        self.in_keys = list(in_keys)
+        self.in_keys = list(as_names(in_keys))
         self.eps = config.eps
         self.clip = config.clip
         self.register_buffer("mean", torch.zeros(num_features))
@@ -72,7 +72,7 @@ class ObservationNormalizer(nn.Module):
 
     def using(self, in_keys: Sequence[NestedKey] | None = None, out_key: NestedKey = "observation") -> TensorDictModule:
         """Return this normalizer as a module; several may share its statistics and read different entries."""
-        keys = list(in_keys or self.in_keys)
+        keys = list(as_names(in_keys or self.in_keys))
         return expects(TensorDictModule(self, in_keys=keys, out_keys=[out_key]), self._shapes(keys), "observation")
 
     def _shapes(self, keys: Sequence[NestedKey]) -> dict[NestedKey, Shape]:

@@ -61,6 +61,8 @@ class ExpertConfig(Bounded):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if list(self.ahead) != sorted(set(self.ahead)):  # a frame twice would be seen once, without a word
+            raise ConfigError(f"ExpertConfig: ahead is {self.ahead}, expected frames in ascending order, each once")
         if len(self.ahead) < 2 and self.action == "reference_velocity":
             raise ConfigError(
                 f"ExpertConfig: ahead is {self.ahead}, expected two frames for the action 'reference_velocity'"

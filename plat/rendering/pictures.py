@@ -90,6 +90,7 @@ class Stage:
         for name, pose in (("qpos", qpos), ("ghost_qpos", ghost_qpos)):
             if pose is not None and np.shape(pose) != self._data.qpos.shape:
                 raise StateError(f"stage: {name} has shape {np.shape(pose)}, expected {self._data.qpos.shape}")
+        qpos = np.asarray(qpos)  # NumPy does no arithmetic with tensors
         self._data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self._data)
         # follow the robot slowly, so that its own motion shows
@@ -149,6 +150,7 @@ def add_ghost(
 
 def film(stage: Stage, playback: Playback, fps: float = 25.0) -> Iterator[np.ndarray]:
     """Yield pictures of a playback, with its words, and a bar of the time left that turns red when a command fails."""
+    check_value("film: fps", fps, Positive)
     stage.look_at(playback.qpos[0])
     failed_until = -1
     for step in _steps(playback, fps):

@@ -61,7 +61,13 @@ class Policy(Protocol):
 
 
 def deployed(policy: Policy, *goals: Any) -> TensorDictModuleBase:
-    """Return what a policy's ``deployed(*goals)`` returns, with the policy's timing where that has none."""
+    """Return what a policy's ``deployed(*goals)`` returns, with the policy's timing where that has none.
+
+    Raises:
+        ConfigError: for what has none, such as the module that it returned.
+    """
+    if not callable(getattr(policy, "deployed", None)):
+        raise ConfigError(f"policy is a {type(policy).__name__}, expected one as plat.load and load_policy return it")
     module, timing = policy.deployed(*goals), timing_of(policy)
     return module if timing is None or timing_of(module) is not None else timed(module, timing)
 

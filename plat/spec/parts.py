@@ -75,6 +75,8 @@ class Parts:
             flags = getattr(self, field)
             if not isinstance(flags, tuple | list) or not all(isinstance(flag, bool | np.bool_) for flag in flags):
                 raise KeyframeError(f"parts: {field} is {shown(flags)}, expected True or False each; see Parts.only")
+            # the same flags are equal and have one hash, however they were given
+            object.__setattr__(self, field, tuple(map(bool, flags)))
         if len(self.root) != len(ROOT_PARTS):
             raise KeyframeError(f"root: {len(self.root)} flags, expected {len(ROOT_PARTS)} ({', '.join(ROOT_PARTS)})")
         if not any(self.values()):
@@ -148,7 +150,12 @@ class Parts:
                 raise KeyframeError(f"parts: {field} has {len(getattr(self, field))} flags, expected {len(names)}")
 
     def names(self, robot: RobotParts) -> dict[str, list[str]]:
-        """Return the names of what is commanded, by ``joints``, ``bodies`` and ``root``."""
+        """Return the names of what is commanded, by ``joints``, ``bodies`` and ``root``.
+
+        Raises:
+            KeyframeError: for flags of another robot.
+        """
+        self.check(robot)
         groups = (("joints", robot.joint_names), ("bodies", robot.keypoints), ("root", ROOT_PARTS))
         return {
             field: [name for name, flag in zip(names, getattr(self, field), strict=True) if flag]

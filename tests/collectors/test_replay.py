@@ -143,3 +143,9 @@ def test_samples_of_nothing_are_refused(replay, what, arguments, message):
 def test_a_replay_without_steps_has_no_samples():
     with pytest.raises(ConfigError, match="replay: 0 control steps, expected at least"):
         RolloutReplay(4, 20, ["robot"]).states(4)
+
+
+def test_an_entry_alone_is_one():
+    replay = RolloutReplay(4, 20, "group")
+    replay.extend(rollout(0))
+    assert replay.states(3)["group", "time"].shape == (3,)

@@ -1,8 +1,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from plat.control import Chase, KeyframeScorer, Simulator, record
+from plat.errors import StateError
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
 from tests.control.puppets import Limp, Puppet
@@ -63,3 +65,8 @@ def test_a_keyframe_that_was_missed_marks_its_arrival():
     playback = record(((step, scorer.add(step)) for step in chase), scorer)
     assert playback.failed.nonzero()[0].tolist() == [9]
     assert playback.words[-1] == "1: late or off: 0.59 m off"
+
+
+def test_a_chase_that_ended_with_its_first_step_has_no_playback():
+    with pytest.raises(StateError, match="record: no steps"):
+        record([], KeyframeScorer(G1))

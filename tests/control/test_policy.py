@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from tensordict.nn import TensorDictModule
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from plat.control import PolicyController, Simulator
@@ -130,3 +131,12 @@ def test_an_action_that_is_not_finite_is_not_remembered():
     controller(simulator.state(), standing(G1), 3)
     kept = G1.default_joint_pos + G1.action_scale * recorder.seen[-1]["robot", "last_action"][0]
     np.testing.assert_allclose(kept, target, atol=1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 28])
+def test_an_action_of_another_size_is_refused(width):
+    simulator = Simulator(G1.model())
+    simulator.reset(standing(G1))
+    policy = TensorDictModule(lambda joint_pos: joint_pos[:, :width], [("robot", "joint_pos")], ["action"])
+    with pytest.raises(ActionError, match=rf"shape \(1, {width}\) for one robot, expected \[\*B, 29\]"):
+        PolicyController(policy, G1)(simulator.state(), standing(G1), 5)

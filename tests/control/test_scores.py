@@ -302,3 +302,13 @@ def test_a_robot_that_stands_is_not_off_after_a_keyframe_that_was_drawn_low():
     sequence = KeyframeSequence(G1, POSE, (replace(LYING.at(0.4), commands=HANDS), POSE.at(0.8)))
     _, last = put(sequence, lambda time: POSE).scores()
     assert (last.words, last.success) == ("reached", True)
+
+
+def test_a_scorer_that_begins_in_the_hold_has_no_arrival_to_count_from():
+    steps = list(Chase(Puppet(), KeyframeSequence(G1, POSE, (POSE.at(0.1),)), Simulator(G1.model()), hold=0.1))
+    scorer = KeyframeScorer(G1)
+    for step in steps[-3:]:
+        assert step.holding
+        scorer.add(step)
+    assert scorer.hold() is None
+    assert scorer.scores() == []

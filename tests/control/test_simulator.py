@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -116,3 +118,37 @@ def test_a_target_beyond_all_bounds_is_not_left_out(simulator):
     """MuJoCo would move no motor."""
     with pytest.raises(ActionError, match=r"the simulation diverged 0.00 s after its start: targets or pushes are too"):
         simulator.step(np.full(29, 1e12))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"root_pos": np.full(3, np.nan)}, r"pose: root_pos\[0\] is nan, expected a finite number"),
+        ({"root_pos": np.zeros(2)}, r"pose: root_pos has shape \(2,\), expected \(3,\)"),
+        ({"root_quat": np.zeros(4)}, "pose: root_quat has length 0, expected a unit quaternion wxyz"),
+        ({"joint_pos": np.full(29, np.inf)}, r"pose: joint_pos\[0\] is inf"),
+    ],
+)
+def test_a_start_that_is_no_pose_is_refused(simulator, changes, message):
+    with pytest.raises(StateError, match=message):
+        simulator.reset(replace(standing(G1), **changes))
+
+
+@pytest.mark.parametrize("velocity", [1.0, [0.5], [0.5, 0.0]])
+def test_a_push_has_three_components(simulator, velocity):
+    with pytest.raises(StateError, match="push: velocity_w has shape"):
+        simulator.push(velocity)
+
+
+def test_targets_and_pushes_may_be_tensors(simulator):
+    target, velocity = torch.full((29,), 0.1), torch.tensor([0.5, 0.0, 0.0])
+    ends = []
+    for given in ((target.numpy(), velocity.numpy()), (target, velocity)):
+        simulator.reset(standing(G1))
+        simulator.push(given[1])
+        simulator.step(given[0])
+        ends.append(simulator.data.qpos.copy())
+    np.testing.assert_array_equal(*ends)
+    target[3] = torch.nan
+    with pytest.raises(ActionError, match="target of joint 'left_knee_joint' is nan"):
+        simulator.step(target)

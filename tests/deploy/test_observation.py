@@ -4,7 +4,7 @@ import torch
 
 from plat.deploy import ObservationBuilder, RobotState, observation_terms
 from plat.envs import KeyframeTaskConfig, make_keyframe_env
-from plat.errors import ConfigError, StateError
+from plat.errors import ConfigError, ObservationError, StateError
 from plat.modules import STUDENT_KEYS
 from plat.robots import G1
 from plat.spec.observation import entry_shapes, student_keys
@@ -195,3 +195,13 @@ def test_a_broken_keyframe(build, field, value, message):
     setattr(pose, field, value)
     with pytest.raises(StateError, match=message):
         build(state_at(now), pose, 10, np.zeros(29))
+
+
+def test_a_group_that_there_is_none_of_is_not_left_out():
+    for build in (
+        lambda also: ObservationBuilder(describe_g1(), 50, also),
+        lambda also: observation_terms(29, 14, also),
+    ):
+        with pytest.raises(ObservationError, match="observation group 'clok': expected some of"):
+            build(("parts", "clok"))
+    assert ObservationBuilder(describe_g1(), 50, "clock").also == ("clock",)

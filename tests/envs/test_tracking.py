@@ -113,6 +113,12 @@ def test_starts_that_are_no_frames(library, start):
         MotionTrackingEnv(library, 1).reset(TensorDict({"motion": {"start": torch.tensor([start])}}, [1]))
 
 
+@pytest.mark.parametrize("start", [[True, False], [0.0, 1.0], [0]])
+def test_starts_that_are_no_whole_numbers(library, start):
+    with pytest.raises(MotionError, match="start is .*, expected a whole number for each robot"):
+        MotionTrackingEnv(library, 2).reset(start=torch.tensor(start))
+
+
 def test_a_mask_resets_only_its_robots(library):
     env = MotionTrackingEnv(library, 4)
     state = env.reset()

@@ -2,9 +2,11 @@ import pytest
 import torch
 
 from plat.control.authored import author
+from plat.errors import KeyframeError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.modules import PlainPolicy, PlainPolicyConfig
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 STAND = G1.default_qpos
 
@@ -56,3 +58,17 @@ def test_the_masks_of_a_step_are_those_of_its_command():
     last_of_first = int(rollout.arrivals[0, 0])
     assert bool(rollout.commanded(last_of_first)[0].all())
     assert not bool(rollout.commanded(last_of_first + 1)[0].any())
+
+
+def test_chains_that_cannot_go_side_by_side_are_one_line() -> None:
+    short = Timing(max_steps=30)  # 0.6 s, and the intervals of a chain are up to 1 s
+    policy = PlainPolicy(G1, PlainPolicyConfig(hidden_size=8, backbone=(8,), timing=short)).deployed()
+    split = author("arms", G1, 4, seed=0, timing=short)
+    with pytest.raises(
+        KeyframeError, match=r"authored keyframes: chains of \d+ to \d+ keyframes, expected as many in each"
+    ):
+        AuthoredRollout(policy, G1, split)
+    with pytest.raises(KeyframeError, match="authored keyframes: no chains"):
+        AuthoredRollout(policy, G1, [])
+    with pytest.raises(KeyframeError, match="authored keyframes: chains is"):
+        AuthoredRollout(policy, G1, split[0])

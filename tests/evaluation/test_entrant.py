@@ -2,16 +2,20 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 import plat
 from plat.baselines import Tracker
 from plat.baselines.tracker import tuned_robot
 from plat.envs.transforms import HORIZONS
-from plat.errors import BundleError
+from plat.errors import BundleError, ConfigError
 from plat.evaluation import Entrant, EvaluationSetting, evaluate
+from plat.evaluation.bundle_policy import BundlePolicy
 from plat.modules import Expert, ExpertConfig
 from plat.motions import MotionLibrary
 from plat.robots import G1
+from plat.runs import load_policy
+from plat.spec.observation import observation_size
 from tests.conftest import standing_clip
 from tests.export.runs import small_policy, write_run
 
@@ -76,6 +80,12 @@ def test_a_bundle_scores_what_its_policy_scores(clips: MotionLibrary, tmp_path) 
         torch.testing.assert_close(found.steps, of_run.steps)
         torch.testing.assert_close(found.step["action_change"], of_run.step["action_change"], rtol=0.02, atol=1e-3)
         assert Entrant.of_bundle(path, dense=True).view == Entrant.of_run(run, dense=True).view
+    acts, trained = BundlePolicy(bundle, G1), load_policy(run).deployed()
+    for shape in ((), (0,), (1,), (2, 3)):  # of a robot alone, of none, and of rollouts as well
+        seen = TensorDict({}, shape)
+        for key in acts.in_keys:
+            seen[key] = torch.rand(*shape, observation_size([key], G1))
+        torch.testing.assert_close(acts(seen.clone())["action"], trained(seen)["action"], rtol=1e-3, atol=1e-3)
 
 
 def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
@@ -95,3 +105,8 @@ def test_a_bundle_of_a_robot_with_other_motors_is_refused(tmp_path) -> None:
     # of as many keypoints, in another order
     with pytest.raises(BundleError, match="its keypoints are not those of robot"):
         Entrant.of_bundle(bundle, replace(G1, name="other", keypoints=(G1.keypoints[0], *G1.keypoints[:0:-1])))
+
+
+def test_a_module_that_acts_is_no_policy_that_could_be_an_entrant() -> None:
+    with pytest.raises(ConfigError, match=r"policy is a DeployedPolicy, expected one as plat.load and load_policy"):
+        Entrant.of_policy(small_policy("latent").deployed())

@@ -58,3 +58,7 @@ def test_a_clip_of_two_families_is_named_with_both(tmp_path):
     assert read_manifest([one, one]) == {"a": "walk", "b": "jump"}
     with pytest.raises(RecordsError, match=r"two.csv', line 3: family of 'b' is 'dance', and 'jump' before"):
         read_manifest([one, two])
+
+
+def test_no_clips_have_no_families():
+    assert families_of([], {"a": "walk"}) == []

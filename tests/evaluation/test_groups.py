@@ -1,4 +1,5 @@
 import pytest
+import torch
 
 from plat.errors import RecordsError
 from plat.evaluation import report
@@ -32,3 +33,18 @@ def test_the_table_has_a_column_a_group():
 def test_a_label_too_few_is_refused():
     with pytest.raises(RecordsError, match="3 labels for 40 rows"):
         score_groups("PLAT", "mixed", [records(0.5, 0.1, 0.2)], ["a"] * 3)
+
+
+def test_a_metric_that_there_is_none_of_is_named():
+    (score,) = score_groups("PLAT", "mixed", [records(0.5, 0.1, 0.2)], ["a"] * 40, resamples=10)
+    for name in ("success", "clip_success"):  # the second is a metric, and one of whole clips
+        with pytest.raises(RecordsError, match=f"metric '{name}': expected one of tks, mpjpe.*foot_slip$"):
+            group_table([score], name)
+
+
+def test_every_run_has_a_row_for_each_label():
+    table = records(0.5, 0.1, 0.2)
+    with pytest.raises(RecordsError, match="40 labels for 3 rows"):
+        score_groups("PLAT", "mixed", [table, table.of_rows(torch.arange(3))], ["a"] * 40)
+    with pytest.raises(RecordsError, match="no records"):
+        score_groups("PLAT", "mixed", [], ["a"] * 40)

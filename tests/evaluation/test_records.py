@@ -6,7 +6,7 @@ import torch
 from safetensors.torch import save_file
 
 from plat.errors import RecordsError
-from plat.evaluation import CommandRecords, report
+from plat.evaluation import ClipRecords, CommandRecords, report
 from tests.evaluation.test_report import records
 
 
@@ -93,3 +93,17 @@ def test_a_file_that_does_not_say_what_was_commanded(tmp_path):
     assert (read.commanded["joints"].tolist(), read.commanded["bodies"].tolist()) == ([True] * 4, [False] * 4)
     assert report(read)["mpkpe_all"].value != report(read)["mpkpe_all"].value  # NaN
     assert report(read)["mpjpe_all"] == report(records())["mpjpe_all"]
+
+
+@pytest.mark.parametrize("kind", [CommandRecords, ClipRecords])
+def test_no_tables_are_not_joined(kind):
+    with pytest.raises(RecordsError, match="no tables of records to join"):
+        kind.joined([])
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_column_that_not_all_have_is_not_dropped(turn):
+    pieces = records(source=torch.tensor([0, 0, 0, 0]))
+    with pytest.raises(RecordsError, match="not all have the column 'source'"):
+        CommandRecords.joined([records(), pieces][::turn])
+    assert CommandRecords.joined([pieces, pieces]).source.tolist() == [0] * 8

@@ -3,6 +3,7 @@ import math
 import pytest
 import torch
 
+from plat.errors import RecordsError
 from plat.evaluation import CommandRecords, Estimate, Penalties, compare, report, report_clips, success_curve
 from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.report import share
@@ -295,3 +296,15 @@ def test_the_end_of_a_share_is_where_its_outcome_is_improbable():
     assert share(Estimate(50.0, 40.0, 60.0), 10) == Estimate(50.0, 40.0, 60.0)
     nothing = share(Estimate(float("nan"), float("nan"), float("nan")), 0)
     assert math.isnan(nothing.value)
+
+
+def test_records_of_nothing_have_no_report():
+    for figures, some in ((report, records()), (report_clips, whole_clips())):
+        with pytest.raises(RecordsError, match="records of no commands or clips, expected at least one"):
+            figures(some.of_clips([]))
+        with pytest.raises(RecordsError, match="no records, expected those of at least one run"):
+            figures([])
+    with pytest.raises(RecordsError, match="no commands or clips"):
+        compare(records().of_clips([]), records().of_clips([]))
+    with pytest.raises(RecordsError, match="no records"):
+        success_curve([])

@@ -97,3 +97,13 @@ def test_what_was_not_measured_is_a_dash():
     nothing = float("nan")
     assert METRICS["mpkpe"].text(nothing) == "-"
     assert METRICS["mpjpe"].text(Estimate(nothing, nothing, nothing)) == "-"
+
+
+def test_an_interval_whose_ends_nobody_knows_is_left_out():
+    figure = report(records(), resamples=0)["tks"]
+    assert METRICS["tks"].text(figure) == "75.0"
+
+
+def test_a_score_is_of_a_table_or_of_one_for_each_seed():
+    assert Score.of("mine", "long", records()).figures == Score.of("mine", "long", [records()]).figures
+    assert len(Score.of("mine", "long", records()).records) == 1

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from plat.envs.transforms import HORIZONS, PAPER_HORIZONS, CommandSchedule, Horizon, RandomizationRanges
-from plat.errors import MotionError, TaskError
+from plat.errors import ConfigError, MotionError, TaskError
 from plat.evaluation import CommandRecords, evaluate, report
 from plat.evaluation.score_table import METRICS
 from plat.evaluation.scoring import robots_for, schedule_of_clips
@@ -308,3 +308,17 @@ def test_failures_are_no_errors_of_what_was_not_commanded(monkeypatch, two_clips
     assert hands["mpjpe_all"].value != hands["mpjpe_all"].value
     assert hands["mpkpe_all"].value == pytest.approx(1.0 / 8)
     assert hands["success_area"].value == pytest.approx(100 * 7 / 8, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", [5000, 2**32 - 1])
+def test_partial_commands_have_every_seed_that_whole_ones_have(two_clips, seed):
+    policy = PlainPolicy(G1, PlainPolicyConfig(also=("parts",))).deployed()
+    whole, hands = (evaluate(policy, two_clips, Horizon(20, 40), seed=seed, partial=part) for part in (None, "hands"))
+    assert torch.equal(whole.length, hands.length)
+    assert not hands.commanded["joints"].any()
+
+
+def test_an_interface_of_another_name_is_not_a_line(two_clips):
+    for dense in (False, True):
+        with pytest.raises(ConfigError, match="interface is 'cascde', expected one of next-frame, line, cascade"):
+            evaluate(Expert(G1).deployed(), two_clips, Horizon(20, 40), dense=dense, interface="cascde")

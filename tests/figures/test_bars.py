@@ -1,7 +1,10 @@
+from functools import partial
+
 import pytest
 
+from plat.errors import RecordsError
 from plat.evaluation import METRICS, Score
-from plat.figures import ablation_bars
+from plat.figures import ablation_bars, radar_plot
 from tests.figures.scores import made_up, records
 
 pytest.importorskip("matplotlib")
@@ -42,3 +45,10 @@ def test_where_all_failed_there_are_no_errors_to_draw():
     for panel in panels:
         low, high = panel.get_xlim()
         assert low == 0 < high
+
+
+@pytest.mark.parametrize(("metrics", "message"), [(["tsk"], "metric 'tsk': expected one of tks"), ([], "no metrics")])
+def test_metrics_that_there_are_none_of_are_named(metrics, message):
+    for plot in (partial(ablation_bars, horizon="long"), radar_plot):
+        with pytest.raises(RecordsError, match=message):
+            plot(made_up("PLAT"), metrics=metrics)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plat.envs.transforms import HORIZONS, CommandSchedule
+from plat.errors import ConfigError, RecordsError
 from plat.evaluation import play
 from plat.figures import film_strip
 from plat.modules import Expert
@@ -108,3 +109,10 @@ def test_no_more_keyframes_than_there_are(playback):
     figure = film_strip(Painter(), {"expert": playback}, commands=100)
     commands = CommandSchedule(MotionLibrary.from_clips([standing_clip(frames=121)]), HORIZONS["long"], 0).num_commands
     assert len(figure.axes) == 2 * commands
+
+
+def test_strips_of_nothing_are_one_line(playback):
+    with pytest.raises(RecordsError, match="film strip: no playbacks"):
+        film_strip(Painter(), {})
+    with pytest.raises(ConfigError, match="film strip: commands is 0, expected a whole number of at least 1"):
+        film_strip(Painter(), {"PLAT": playback}, commands=0)

@@ -119,3 +119,11 @@ def test_the_radar_keeps_good_rows_apart_beside_a_bad_one():
 def test_values_that_are_alike_have_a_linear_scale():
     assert not spread_out([0.04, 0.05], "mpjpe")
     assert spread_out([0.04, 0.5], "mpjpe")
+
+
+@pytest.mark.parametrize("failures", [0.0, 1.0])
+def test_shares_are_from_0_to_100(failures):
+    success, _ = horizon_plot([Score.of("PLAT", "long", [records(failures, 0.1, 0.2)])]).axes
+    low, high = success.get_ylim()
+    assert -1 <= low < 100 * (1 - failures) < high <= 101
+    assert high - low > 3

@@ -1,8 +1,11 @@
 import pytest
 
-from plat.figures import save_figure
+from plat.evaluation import Estimate
+from plat.evaluation.groups import score_groups
+from plat.evaluation.study import CurvePoint
+from plat.figures import group_plot, horizon_plot, radar_plot, robustness_plot, save_figure, success_plot
 from plat.figures.style import looks, paper_style, policies
-from tests.figures.scores import made_up
+from tests.figures.scores import made_up, records
 
 ROWS = ["SONIC", "SONIC-style", "TWIST2", "wbc", "Scratch RL", "w/o privileged latent", "DAgger"]
 ROWS += ["Direct RL fine-tune", "Residual action", "PLAT"]
@@ -62,3 +65,23 @@ def test_the_style_ends_with_the_figure():
         inside = plt.rcParams["font.size"]
     assert inside == 8
     assert plt.rcParams["font.size"] != 8
+
+
+@pytest.mark.parametrize("name", ["_best", "a$b$c", "cost $5^$"])
+def test_a_name_of_any_letters_stands_in_the_legend(tmp_path, name):
+    scores = made_up(name, "PLAT")
+    groups = score_groups(name, "mixed", [records(0.25, 0.1, 0.2)], ["a"] * 40, resamples=10)
+    curve = [CurvePoint(name, "push", strength, Estimate(90.0, 80.0, 95.0)) for strength in (0.0, 0.5)]
+    figures = {
+        "radar": radar_plot(scores),
+        "success": success_plot(scores, ["long"]),
+        "horizon": horizon_plot(scores),
+        "groups": group_plot(groups),
+        "robustness": robustness_plot(curve),
+    }
+    for kind, figure in figures.items():
+        save_figure(figure, tmp_path / kind)
+        legends = [*figure.legends, *filter(None, (panel.get_legend() for panel in figure.axes))]
+        texts = [text for legend in legends for text in legend.get_texts()]
+        assert any(text.get_text().strip().startswith(name) for text in texts), kind
+        assert not any(text.get_parse_math() for text in texts), kind

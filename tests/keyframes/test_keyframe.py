@@ -94,3 +94,19 @@ def test_a_time_may_be_that_of_a_clock_that_runs_for_weeks() -> None:
     assert standing(G1).at(1e9).checked(G1).time == 1e9
     with pytest.raises(KeyframeError, match="time is nan, expected a finite number of seconds"):
         standing(G1).at(np.nan).checked(G1)
+
+
+def test_poses_of_lists_and_times_of_arrays_are_between_too():
+    stand = standing(G1)
+    listed = Keyframe(0.0, *(part.tolist() for part in (stand.root_pos, stand.root_quat, stand.joint_pos)))
+    for time in (0.25, np.array(0.25), torch.tensor(0.25)):
+        between = interpolate(listed, replace(listed, time=1.0, root_pos=[1.0, 0.0, 0.76]), time)
+        np.testing.assert_allclose(between.root_pos, [0.25, 0.0, 0.76])
+        assert type(between.time) is float
+
+
+def test_poses_of_different_sizes_have_none_between_them():
+    stand = standing(G1)
+    for joints in (stand.joint_pos[:1], stand.joint_pos[:28]):  # of one joint alone NumPy would make 29
+        with pytest.raises(KeyframeError, match=r"joint_pos has shape .*, expected \(29,\)"):
+            interpolate(stand, replace(stand, time=1.0, joint_pos=joints), 0.5)

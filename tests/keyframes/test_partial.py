@@ -88,6 +88,10 @@ def test_a_waypoint_commands_place_and_heading():
             {"left_hand": (0.3, 0.2, 0.9), "joints": dict.fromkeys(G1.joint_names, 0.0)},
             "'left_wrist_yaw_link' comes no nearer than",
         ),
+        (
+            {"left_hand": (0.3, 0.2, 0.9), "bodies": {"left_wrist_yaw_link": (0.3, 0.3, 0.9)}},
+            "left_hand: 'left_wrist_yaw_link' is among bodies as well",
+        ),
         ({"joints": {"left_elbow": [1, 2]}}, "joints: 'left_elbow' is"),
         ({"height": 10**400}, "height is 1000.*000, expected a finite number"),
         ({"left_hand": (10**400, 0, 0)}, "is .1000.*000, 0, 0., expected 3 finite numbers"),

@@ -1,4 +1,5 @@
 import copy
+import json
 import pickle
 from dataclasses import replace
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 
 from plat.errors import KeyframeError, PlatError
-from plat.keyframes import KeyframeQueue, keyframe_from_json, keyframe_to_json, only, standing
+from plat.keyframes import Keyframe, KeyframeQueue, keyframe_from_json, keyframe_to_json, only, standing
 from plat.robots import G1, describe_robot
 from plat.spec.timing import Timing
 
@@ -170,5 +171,16 @@ def test_a_bundles_description_is_robot_enough_for_partial_keyframes():
     theirs = only(G1, 0.7, left_hand=(0.3, 0.2, 0.9))
     np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-9)
     assert ours.commands == theirs.commands
-    with pytest.raises(KeyframeError):
+    with pytest.raises(KeyframeError, match="left_hand: nothing says which body of 'g1' it is, expected its name"):
         only(describe_robot(G1, 0.02), 0.7, left_hand=(0.3, 0.2, 0.9))
+
+
+def test_a_message_is_json_whatever_the_numbers_came_as():
+    pose = at(0.5)
+    numbers = [part.astype(np.float32) for part in (pose.root_pos, pose.root_quat, pose.joint_pos)]
+    for keyframe in (Keyframe(np.float32(0.5), *numbers), Keyframe(0.5, *(part.tolist() for part in numbers))):
+        read = keyframe_from_json(json.loads(json.dumps(keyframe_to_json(keyframe, G1))), G1)
+        np.testing.assert_allclose(read.qpos, pose.qpos, atol=1e-6)
+        assert read.time == 0.5
+    with pytest.raises(KeyframeError, match="joint_pos has shape"):
+        keyframe_to_json(Keyframe(0.5, *numbers[:2], numbers[2][:28]), G1)

@@ -208,3 +208,11 @@ def test_numpy_is_enough():
     code = f"import sys, plat.keyframes; print({heavy})"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_a_pose_that_cannot_be_led_to_is_named_by_its_keyframe():
+    stand = standing(G1)
+    with pytest.raises(KeyframeError, match=r"keyframe 1 \('odd'\): joint_pos has shape \(28,\), expected \(29,\)"):
+        split_long_intervals(
+            stand, [stand.at(1.0), Keyframe(3.0, stand.root_pos, stand.root_quat, np.zeros(28), "odd")]
+        )

@@ -77,3 +77,10 @@ def test_a_batch_that_is_not_finite_changes_nothing(value: float) -> None:
         normalizer.update(data)
     for name, buffer in normalizer.named_buffers():
         assert torch.equal(buffer, before[name])
+
+
+def test_an_entry_alone_is_one():
+    normalizer, data = ObservationNormalizer("speed", 3), TensorDict({"speed": torch.randn(8, 3)}, [8])
+    normalizer.update(data)
+    assert float(normalizer.count) == 8
+    assert normalizer.using("speed")(data)["observation"].shape == (8, 3)

@@ -208,3 +208,14 @@ def test_a_stage_of_no_size_is_refused(setting):
     (name,) = setting
     with pytest.raises(ConfigError, match=f"stage: {name}"):
         Stage(G1, **setting)
+
+
+def test_a_pose_may_be_a_tensor_and_a_film_has_pictures(stage, playback):
+    pose = playback.qpos[0]
+    pictures = []
+    for given in (pose, torch.from_numpy(pose)):
+        stage.look_at(pose)
+        pictures.append(stage.draw(given, given))
+    np.testing.assert_array_equal(*pictures)
+    with pytest.raises(ConfigError, match="film: fps is 0, expected a number above 0"):
+        next(film(stage, playback, 0))

@@ -51,3 +51,15 @@ def test_what_is_no_flags_is_named(flags):
 def test_flags_of_another_robot():
     with pytest.raises(KeyframeError, match="joints has 3 flags, expected 29"):
         Parts((True,) * 3, (True,) * 14, (True, True, True)).check(G1)
+
+
+def test_flags_are_the_same_however_they_are_given():
+    given = [True] * 29, [np.False_] * 14, [True, False, True]
+    parts, same = Parts(*given), Parts(*map(tuple, given))
+    assert parts == same
+    assert len({parts, same}) == 1
+
+
+def test_names_of_another_robots_flags():
+    with pytest.raises(KeyframeError, match="joints has 3 flags, expected 29"):
+        Parts((True,) * 3, (True,) * 14, (True, True, True)).names(G1)

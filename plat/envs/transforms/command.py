@@ -170,11 +170,14 @@ class CommandSchedule:
             parts: masks ``[M, J + K + 3]``, or one for all commands ``[J + K + 3]``.
 
         Raises:
-            TaskError: for masks of another shape.
+            TaskError: for masks of another shape, and one of nothing.
         """
+        parts = torch.as_tensor(parts)
         if parts.shape not in ((self._num_parts,), (self.num_commands, self._num_parts)):
             expected = f"({self.num_commands}, {self._num_parts}) or ({self._num_parts},)"
             raise TaskError(f"commands: parts have shape {tuple(parts.shape)}, expected {expected}")
+        if not (parts > 0).any(-1).all():  # it could not fail but by a fall, and would count as met
+            raise TaskError("commands: parts of a command are all 0, expected something to be commanded")
         schedule = copy.copy(self)
         schedule.parts = parts.float().to(self.target_frame.device).expand(self.num_commands, -1)
         return schedule

@@ -41,6 +41,9 @@ class Reward:
     def __post_init__(self) -> None:
         check_value("reward: name", self.name, Annotated[str, NotEmpty()])
         check_value(f"reward {self.name!r}: weight", self.weight, float)
+        if not callable(self.function):
+            told = f"expected a function of the entries before and after a step, not {self.function!r:.60}"
+            raise TaskError(f"reward {self.name!r}: {told}")
 
     def __call__(self, before: TensorDictBase, after: TensorDictBase) -> Tensor:
         """Compute the weighted term ``[N]``.

@@ -6,7 +6,7 @@ from itertools import count
 
 import numpy as np
 
-from plat.bounds import as_names, check_robot
+from plat.bounds import as_names, check_robot, is_finite
 from plat.errors import MotionError, RobotError
 from plat.json_file import short
 from plat.motions.checks.validation import validate_motion
@@ -72,7 +72,7 @@ def generate_motions(
     """
     if split not in SPLITS:
         raise MotionError(f"generated motions: no set {split!r}, expected one of {SPLITS}")
-    if not 0 < seconds <= LONGEST:
+    if not (is_finite(seconds) and 0 < seconds <= LONGEST):
         raise MotionError(f"generated motions: {short(seconds)} s, expected above 0 and at most {LONGEST:,g} s")
     known = {**FAMILIES, **WIDE_FAMILIES}
     # each once: a family in two of the names would give clips of one name, the same motion

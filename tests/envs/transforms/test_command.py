@@ -197,6 +197,10 @@ def test_schedules_of_other_things(library):
         with pytest.raises(TaskError, match=r"parts have shape .*, expected \(\d+, 46\) or \(46,\)"):
             schedule.with_parts(torch.ones(shape))
     assert schedule.with_parts(torch.ones(46)).parts.shape == (schedule.num_commands, 46)
+    nothing = torch.ones(schedule.num_commands, 46)
+    nothing[1] = 0
+    with pytest.raises(TaskError, match="parts of a command are all 0, expected something to be commanded"):
+        schedule.with_parts(nothing)
 
 
 def test_settings_out_of_bounds_are_named(library):

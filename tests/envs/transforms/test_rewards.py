@@ -108,3 +108,8 @@ def test_a_transform_in_the_wrong_place_says_so(library, position, transform, me
     index = position if position >= 0 else len(env.transform) - 2  # the last two take the working groups away
     with pytest.raises(TaskError, match=message):
         env.insert_transform(index, transform).rollout(1)
+
+
+def test_a_term_without_a_function_is_named():
+    with pytest.raises(TaskError, match="reward 'still': expected a function of the entries before and after a step"):
+        Reward("still", 1.0, 3.0)

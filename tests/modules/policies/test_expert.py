@@ -177,3 +177,9 @@ def test_a_network_of_ones_own(library):
     expert = Expert(G1, ExpertConfig(action="default_offset"), network=torch.nn.LazyLinear(29))
     state = make_tracking_env(library, 4).reset()
     assert torch.equal(expert.deployed()(state.clone())["action"], expert.network(expert.actor()(state)["observation"]))
+
+
+@pytest.mark.parametrize("ahead", [(6, 1), (1, 5, 5), (1, 5, 2)])
+def test_frames_are_in_order_and_each_once(ahead):
+    with pytest.raises(ConfigError, match=r"ahead is \(.*\), expected frames in ascending order, each once"):
+        ExpertConfig(ahead=ahead, action="default_offset")

@@ -120,6 +120,9 @@ def test_unknown_names():
         generate_motions("train", families=("fly",))
     with pytest.raises(MotionError, match="no set 'dev'"):
         generate_motions("dev")
+    for seconds in ("8", float("nan"), None):
+        with pytest.raises(MotionError, match="generated motions: .* s, expected above 0 and at most 100,000 s"):
+            generate_motions("val", seconds)
 
 
 def test_a_foot_that_cannot_get_there_names_the_joint():
