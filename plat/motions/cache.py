@@ -41,7 +41,7 @@ _TENSORS = ("table", "clip_start", "clip_length", "clip_names", "facts")
 # motion files that has not been touched is not either.
 _LARGE = 1 << 28
 
-CODE = ("motions", "robots", "rotations.py", "rotations_np.py")
+CODE = ("motions", "robots", "rotations.py", "rotations_np.py", "spec/proportions.py")
 """Files and folders of plat that say what a motion file or a generated motion becomes."""
 
 
