@@ -215,11 +215,15 @@ def test_signals_stop_as_ctrl_c_does(number, candidate, clips, tmp_path, monkeyp
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(Cell, "evaluate", terminated)
-    with pytest.raises(KeyboardInterrupt):
-        list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1))
+    before = signal.signal(number, signal.SIG_DFL)  # below nohup SIGHUP is ignored, and stays so
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(evaluate_cells([Cell(candidate, "short", SETTING)], clips, workers=1))
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
     assert len(scratch) == 1
     assert not scratch[0].exists()
-    assert signal.getsignal(number) == signal.SIG_DFL
 
 
 def test_a_full_disk_under_the_motions_for_processes_is_one_line(candidate, clips, parts_of_two, monkeypatch):
