@@ -10,7 +10,7 @@ from plat.errors import ActionError
 from plat.gpu import constant
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate, quat_rotate_inverse
-from plat.spec.observation import entries_of
+from plat.spec.observation import entries_of, quantities
 
 __all__ = ["GeneralizedState", "joint_target"]
 
@@ -58,7 +58,7 @@ class GeneralizedState(NamedTuple):
     def from_entries(cls, tensordict: TensorDictBase) -> "GeneralizedState":
         """Return the state in the entries of :class:`plat.envs.MotionTrackingEnv`."""
         state, keys = tensordict["state"], (("robot", "root_lin_vel_b"), ("robot", "root_ang_vel_b"))
-        lin_vel, ang_vel = (entry.quantity(tensordict[key]) for entry, key in zip(entries_of(keys), keys, strict=True))
+        lin_vel, ang_vel = quantities(entries_of(keys), [tensordict[key] for key in keys])
         return cls(
             state["root_pos_w"],
             state["root_quat_w"],

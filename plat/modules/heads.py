@@ -16,9 +16,8 @@ from torchrl.modules import IndependentNormal
 from plat.bounds import Count, NonNegative, Positive, check_robot, check_value
 from plat.entries import expects
 from plat.gpu import constant
-from plat.modules.lead import quantities
 from plat.robots.robot import Robot
-from plat.spec.observation import Entry, entries_of
+from plat.spec.observation import Entry, entries_of, quantities
 
 __all__ = ["GaussianNoise", "ReferenceOffset", "gaussian_action"]
 

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 
 from plat.bounds import Positive, check_value
 from plat.entries import Shape, expects
-from plat.modules.lead import as_entries, moved_keyframe, quantities
+from plat.modules.lead import moved_keyframe
 from plat.modules.settings import WalkingReach
-from plat.spec.observation import Entry, entries_of
+from plat.spec.observation import Entry, as_entries, entries_of, quantities
 
 __all__ = ["KeyframeReach", "WalkingReach"]
 

@@ -12,17 +12,15 @@ from plat.bounds import NonNegative, NotEmpty, Positive, check_value
 from plat.entries import Shape, expects
 from plat.errors import ConfigError
 from plat.gpu import HORIZONTAL, constant
-from plat.spec.observation import Entry, entries_of
+from plat.spec.observation import Entry, as_entries, entries_of, quantities
 
 __all__ = [
     "LEAD_KEYS",
     "GoalLead",
     "KeyframeLead",
     "KeyframeShift",
-    "as_entries",
     "led",
     "moved_keyframe",
-    "quantities",
 ]
 
 LEAD_KEYS = ("root_pos_b", "keypoint_pos_b")
@@ -153,16 +151,6 @@ class KeyframeShift(nn.Module):
         bodies, commanded = parts or (None, None)
         shift = root * self.share(time_left) * constant(HORIZONTAL, root)
         return as_entries(self._entries, moved_keyframe(root, keypoints, shift, bodies, commanded))
-
-
-def quantities(entries: Sequence[Entry], observed: Sequence[Tensor]) -> tuple[Tensor, ...]:
-    """Return the quantities, in their units, that are observed as these values of entries."""
-    return tuple(entry.quantity(value) for entry, value in zip(entries, observed, strict=True))
-
-
-def as_entries(entries: Sequence[Entry], values: Sequence[Tensor]) -> tuple[Tensor, ...]:
-    """Return what policies observe of quantities of the first entries."""
-    return tuple(entry.observed(value) for entry, value in zip(entries, values, strict=False))
 
 
 def moved_keyframe(

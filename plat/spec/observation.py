@@ -20,6 +20,7 @@ __all__ = [
     "Entry",
     "ObservationTable",
     "RobotSizes",
+    "as_entries",
     "as_observed",
     "command_keys",
     "entries_of",
@@ -31,6 +32,7 @@ __all__ = [
     "observing",
     "optional_groups",
     "privileged_keys",
+    "quantities",
     "robot_keys",
     "student_keys",
     "table",
@@ -300,6 +302,24 @@ def entries_of(keys: Iterable[Any]) -> tuple[Entry, ...]:
         kind = "goal" if is_goal(group) else group
         found.append(next((entry for entry in groups.get(kind, ()) if entry.name == name), Entry(name, "1", "")))
     return tuple(found)
+
+
+def quantities(entries: Iterable[Entry], observed: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the quantities, in their units, that are observed as these values of entries.
+
+    >>> quantities([Entry("root_height", "m", "world", size=1, scale=10.0)], [7.6])
+    (0.76,)
+    """
+    return tuple(entry.quantity(value) for entry, value in zip(entries, observed, strict=True))
+
+
+def as_entries(entries: Iterable[Entry], values: Iterable[Any]) -> tuple[Any, ...]:
+    """Return what policies observe of quantities of the first entries.
+
+    >>> as_entries([Entry("root_height", "m", "world", size=1, scale=10.0)], [0.76])
+    (7.6,)
+    """
+    return tuple(entry.observed(value) for entry, value in zip(entries, values, strict=False))
 
 
 def entry_shapes(group: str, robot: RobotSizes) -> dict[str, tuple[int, ...]]:
