@@ -72,12 +72,11 @@ class ClipRecords:
         Raises:
             RecordsError: when they were judged by different rules; for no tables, and a column that one of them lacks.
         """
-        if not parts:
-            raise RecordsError("no tables of records to join, expected at least one")
+        columns = join_columns([part.columns() for part in parts])
         rules = {part.rule for part in parts}
         if len(rules) != 1:
             raise RecordsError(f"clips judged by the rules {sorted(rules)}, expected one rule in a table")
-        return cls.from_columns(join_columns([part.columns() for part in parts]), rules.pop())
+        return cls.from_columns(columns, rules.pop())
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
         """Write the table, its rule and a description of it (JSON values) to a ``.safetensors`` file."""

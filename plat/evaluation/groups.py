@@ -9,7 +9,7 @@ import torch
 from plat.errors import RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
-from plat.evaluation.report import Estimate, report, report_clips
+from plat.evaluation.report import Estimate, as_runs, report, report_clips
 from plat.evaluation.score_table import GROUP_METRICS, Metric, metric_named
 from plat.words import counted
 
@@ -56,8 +56,7 @@ def score_groups(
     Raises:
         RecordsError: for no records, and when there are not as many labels as rows.
     """
-    if not runs:
-        raise RecordsError("no records, expected those of at least one run")
+    runs = as_runs(runs)
     for run in runs:
         if len(labels) != len(run.clip):
             raise RecordsError(

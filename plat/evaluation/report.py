@@ -12,7 +12,17 @@ from plat.evaluation.clip_records import CLIP_ERRORS, ClipRecords
 from plat.evaluation.records import COMMANDED, STEP_METRICS, CommandRecords
 from plat.json_file import short
 
-__all__ = ["Estimate", "Penalties", "compare", "estimate", "report", "report_clips", "share", "success_curve"]
+__all__ = [
+    "Estimate",
+    "Penalties",
+    "as_runs",
+    "compare",
+    "estimate",
+    "report",
+    "report_clips",
+    "share",
+    "success_curve",
+]
 
 _SHARES = ("tks", "fall_rate", "clip_success")
 """Metrics that are a share of what was tried, of commands or clips."""
@@ -74,7 +84,7 @@ def report(
     Raises:
         RecordsError: when the tables are of different commands, or of none.
     """
-    return _estimates(_Table(_as_runs(records, CommandRecords), penalties or Penalties()), resamples, seed)
+    return _estimates(_Table(as_runs(records, CommandRecords), penalties or Penalties()), resamples, seed)
 
 
 def report_clips(
@@ -94,7 +104,7 @@ def report_clips(
     Raises:
         RecordsError: when the tables are of different clips or of none, or judged by different rules.
     """
-    return _estimates(_Table(_as_runs(records, ClipRecords), Penalties()), resamples, seed)
+    return _estimates(_Table(as_runs(records, ClipRecords), Penalties()), resamples, seed)
 
 
 def compare(
@@ -121,7 +131,7 @@ def compare(
     Raises:
         RecordsError: when the records are of different commands, or of none.
     """
-    tables = [_Table(_as_runs(records), penalties or Penalties()) for records in (ours, theirs)]
+    tables = [_Table(as_runs(records), penalties or Penalties()) for records in (ours, theirs)]
     if tables[0].rule != tables[1].rule:
         raise RecordsError(f"clips judged by {tables[0].rule!r} and by {tables[1].rule!r}, expected one rule")
     if not torch.equal(tables[0].commands, tables[1].commands):
@@ -149,7 +159,7 @@ def success_curve(records: CommandRecords | Sequence[CommandRecords], points: in
     Raises:
         RecordsError: for what are no records of commands.
     """
-    runs = _as_runs(records, CommandRecords)
+    runs = as_runs(records, CommandRecords)
     error = torch.cat([run.arrival_error[run.commanded["bodies"]] for run in runs])
     thresholds = torch.linspace(0, _LARGEST, points, dtype=torch.float64)
     return thresholds, (error <= thresholds[:, None]).double().mean(-1)
@@ -240,7 +250,7 @@ def _clip_ratios(records: ClipRecords) -> dict[str, tuple[Tensor, Tensor]]:
     }
 
 
-def _as_runs(records: Any, *kinds: type) -> Any:
+def as_runs(records: Any, *kinds: type) -> Any:
     """Return records as a list, one table for each training seed; of some kinds, or of either."""
     kinds = kinds or (CommandRecords, ClipRecords)
     runs = [records] if isinstance(records, kinds) else list(records) if isinstance(records, Iterable) else None

@@ -9,7 +9,7 @@ from typing import Any
 
 from plat.errors import RecordsError
 from plat.evaluation.records import CommandRecords
-from plat.evaluation.report import Estimate, compare, report
+from plat.evaluation.report import Estimate, as_runs, compare, report
 from plat.files import replace_table
 from plat.json_file import short
 from plat.words import percent
@@ -162,7 +162,7 @@ class Score:
     @classmethod
     def of(cls, policy: str, horizon: str, records: CommandRecords | Sequence[CommandRecords]) -> "Score":
         """Return the score of command records: of one table, or of one for each training seed."""
-        runs = (records,) if isinstance(records, CommandRecords) else tuple(records)
+        runs = tuple(as_runs(records, CommandRecords))
         return cls(policy, horizon, runs, report(runs))
 
 
