@@ -4,14 +4,13 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from plat.deploy.bundle import Bundle, BundleScore
+from plat.evaluation.report import Estimate
+from plat.evaluation.score_table import HEADLINE, METRICS
 from plat.export.data_sets import license_table, licenses_told
 from plat.runs.saved_run import SavedRun
-from plat.words import percent
 
 __all__ = ["model_card", "run_card"]
 
-# Columns of the table of scores: metric, title, digits, factor from the unit of files.
-_COLUMNS = (("tks", "TKS@3 (%)", 1, 1), ("mpjpe", "MPJPE@3 (rad)", 3, 1), ("mpkpe", "MPKPE@3 (mm)", 0, 1000))
 _USE = """```python
 from plat.deploy import PolicyRunner, RobotState
 
@@ -85,19 +84,18 @@ def _score_table(scores: tuple[BundleScore, ...] | None) -> str:
     if scores is None:
         return "None: no `evaluation.csv` in the run directory, or beside it, holds rows of it in usual conditions."
     figures = {(score.horizon, score.metric): score for score in scores}
-    lines = ["| commands | " + " | ".join(title for _, title, *_ in _COLUMNS) + " |", "|---|" + "---|" * len(_COLUMNS)]
+    lines = [
+        "| commands | " + " | ".join(METRICS[name].heading for name in HEADLINE) + " |",
+        "|---|" + "---|" * len(HEADLINE),
+    ]
     for horizon in dict.fromkeys(score.horizon for score in scores):
-        cells = (_cell(figures.get((horizon, metric)), digits, factor) for metric, _, digits, factor in _COLUMNS)
+        cells = (_cell(figures.get((horizon, metric))) for metric in HEADLINE)
         lines.append(f"| {horizon} | " + " | ".join(cells) + " |")
     return "Timed keyframes in simulation, with 95 % intervals over motions:\n\n" + "\n".join(lines)
 
 
-def _cell(score: BundleScore | None, digits: int, factor: int) -> str:
-    if score is None:
-        return "-"
-    shown = percent if score.metric == "tks" else "{:.{}f}".format
-    value, low, high = (shown(factor * part, digits) for part in (score.value, score.low, score.high))
-    return value if score.low == score.value == score.high else f"{value} ({low}-{high})"
+def _cell(score: BundleScore | None) -> str:
+    return "-" if score is None else METRICS[score.metric].text(Estimate(score.value, score.low, score.high))
 
 
 def _limits(settings: Mapping[str, Any]) -> str:
