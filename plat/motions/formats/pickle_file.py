@@ -37,6 +37,7 @@ from plat.motions.formats.quaternion_order import settle_joint_order, settle_qua
 from plat.motions.formats.spellings import array_meaning
 from plat.motions.formats.unnamed_joints import unnamed_joints, without_wrists
 from plat.motions.formats.unpickle import PickledArray, unpickle
+from plat.motions.paths import distinct_names
 from plat.rotations_np import quat_from_rotvec
 
 __all__ = ["read_fields", "read_pickle"]
@@ -345,14 +346,14 @@ def _ungrouped(content: dict[Any, Any], stem: str) -> dict[Any, Any]:
         about = isinstance(value, dict) and all(map(_is_single, value.values()))
         if name not in groups:
             found |= value if about else {name: value}
+    labels, grouped = [], []
     for group, motions in groups.items():
         for name, fields in motions.items():
             parts = [str(part) for part in (group, name) if str(part).lower() not in _OF_ALL]
-            label = "_".join(parts) or stem
-            while label in found:
-                label += "_2"
-            found[label] = fields
-    return found
+            labels.append("_".join(parts) or stem)
+            grouped.append(fields)
+    apart = distinct_names([*map(str, found), *labels])[len(found) :]
+    return found | dict(zip(apart, grouped, strict=True))
 
 
 def _is_single(value: Any) -> bool:
