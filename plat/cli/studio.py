@@ -27,6 +27,7 @@ from plat.motions.files import motion_paths
 from plat.motions.generation import PREFIX
 from plat.robots import Robot, get_robot
 from plat.runs import Policy, load_policy, same_robot
+from plat.runs.interrupts import ENDING
 from plat.runs.policies import deployed
 from plat.runs.user_modules import import_modules
 
@@ -157,9 +158,8 @@ def _ended_by_signals(end: Callable[[], None]) -> Iterator[None]:
 
     HUP comes when a terminal is closed, often twice, and is left to ``nohup`` where that ignores it.
     """
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     ours = threading.current_thread() is threading.main_thread()
-    caught = [number for number in numbers if ours and signal.getsignal(number) is not signal.SIG_IGN]
+    caught = [number for number in ENDING if ours and signal.getsignal(number) is not signal.SIG_IGN]
     before = {number: signal.signal(number, lambda *_: end()) for number in caught}
     try:
         yield

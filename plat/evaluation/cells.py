@@ -28,6 +28,7 @@ from plat.progress import Progress
 from plat.robots import G1, register_robot
 from plat.robots.registry import registered_robots
 from plat.robots.robot import Robot
+from plat.runs.interrupts import ENDING
 from plat.runs.user_modules import import_modules
 from plat.scratch import Scratch
 from plat.version import __version__
@@ -170,7 +171,7 @@ def evaluate_cells(
     Raises:
         PlatError: what the evaluation of a cell raises.
     """
-    with _stopped_by_term(), Scratch("plat-evaluation-") as scratch:
+    with _stopped_by_signals(), Scratch("plat-evaluation-") as scratch:
         desk = _Desk(folder or scratch, library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
         total = sum(desk.steps(cell, number) for cell, number in missing)
@@ -332,12 +333,11 @@ def _work(cell: Cell, clips: list[int], path: Path, about: dict[str, Any]) -> No
 
 
 @contextmanager
-def _stopped_by_term() -> Iterator[None]:
+def _stopped_by_signals() -> Iterator[None]:
     """Raise :class:`KeyboardInterrupt` at the signals TERM and HUP, where they would end this process as it is."""
     ours = []
     if threading.current_thread() is threading.main_thread():
-        known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-        ours = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
+        ours = [number for number in ENDING if signal.getsignal(number) == signal.SIG_DFL]
     for number in ours:
         signal.signal(number, signal.default_int_handler)
     try:

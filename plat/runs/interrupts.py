@@ -10,9 +10,11 @@ from typing import Any, TextIO
 
 from plat.streams import CLOSED_PIPE
 
-__all__ = ["StopSignal"]
+__all__ = ["ENDING", "StopSignal"]
 
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a process: TERM, and HUP when its terminal is closed, which not every system has."""
+_SIGNALS = (signal.SIGINT, *ENDING)
 _HANGUP = getattr(signal, "SIGHUP", None)
 
 
