@@ -5,12 +5,16 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-__all__ = ["contact_weight", "hold", "levelling", "lift"]
+__all__ = ["contact_weight", "hold", "levelling", "lift", "pointing"]
 
 # A toe lower than the first height and slower than the first speed is on the ground, beyond the second it is not
 # (m above its lowest, m/s of the human).
 _HEIGHTS = (0.02, 0.04)
 _SPEEDS = (0.3, 0.7)
+# A foot that turns slower than the first speed keeps its yaw while it stands, beyond the second it pivots (rad/s, over
+# so many seconds, for captures tremble).
+_PIVOTS = (0.25, 0.6)
+_PIVOT_TIME = 0.2
 # Seconds in which a foot comes back to the human's path after it was held.
 _RETURN_TIME = 0.2
 # Seconds in which a foot turns flat before it stands, and turns as the human's after it.
@@ -38,6 +42,24 @@ def contact_weight(height: np.ndarray, position: np.ndarray, fps: float) -> np.n
     for value, (low, high) in ((height, _HEIGHTS), (speed, _SPEEDS)):
         weight *= np.clip((high - value) / (high - low), 0, 1)
     return weight
+
+
+def pointing(yaw: np.ndarray, pitch: np.ndarray, fps: float) -> np.ndarray:
+    """Return how surely a foot that stands keeps its yaw ``[T]`` in 0..1, and does not pivot on its toe.
+
+    Args:
+        yaw: of the foot ``[T]`` (rad), without whole turns.
+        pitch: of the foot ``[T]`` (rad); the yaw of a steep foot says little.
+        fps: frames a second.
+
+    >>> pointing(np.array([0.0, 0, 0, 0, 0, 0.1, 0.2, 0.3, 0.4]), np.zeros(9), 20.0).round(2).tolist()
+    [1.0, 1.0, 1.0, 0.29, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    reach = max(1, round(0.5 * _PIVOT_TIME * fps))
+    padded = np.pad(yaw, reach, mode="edge")
+    speed = np.abs(padded[2 * reach :] - padded[: -2 * reach]) * np.cos(pitch) * fps / (2 * reach)
+    low, high = _PIVOTS
+    return np.asarray(np.clip((high - speed) / (high - low), 0, 1))
 
 
 def levelling(contact: np.ndarray, fps: float) -> np.ndarray:

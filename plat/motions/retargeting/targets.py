@@ -6,7 +6,7 @@ import numpy as np
 
 from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.human import Human
-from plat.motions.retargeting.planted_feet import contact_weight, hold, levelling
+from plat.motions.retargeting.planted_feet import contact_weight, hold, levelling, pointing
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 from plat.rotations_np import axis_rotation
 
@@ -111,7 +111,8 @@ def _plant(
     clearance = robot.leg / human.leg * (1 - contact) * np.minimum(*height).clip(0)
 
     yaw, pitch, roll = _euler(_foot_frame(human, side, ground["ankle"] - ground["toe"]))
-    yaw = hold(np.unwrap(yaw)[:, None], contact, fps)[:, 0]
+    yaw = np.unwrap(yaw)
+    yaw = hold(yaw[:, None], contact * pointing(yaw, pitch, fps), fps)[:, 0]
     flat = levelling(contact, fps)
     pitch = pitch - flat * np.clip(pitch, -_FLAT_PITCH, _FLAT_PITCH)
     rotation = axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, (1 - flat) * roll)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from plat.motions.retargeting.geometry import RobotGeometry
 from plat.motions.retargeting.human import Human, read_human
 from plat.motions.retargeting.targets import Targets, robot_targets
 from plat.robots import G1
+from plat.rotations_np import axis_rotation
 
 from .human import write_human
 
@@ -41,6 +44,23 @@ def test_feet_stand_flat_on_the_ground_and_do_not_move(tmp_path):
         assert np.ptp(targets.positions[side], axis=0).max() < 1e-4
     width = targets.positions["left_ankle"] - targets.positions["right_ankle"]
     assert (np.linalg.norm(width[:, :2], axis=1) > 0.2).all()
+
+
+@pytest.mark.parametrize("turn", [60, 120, 360])
+def test_a_foot_that_pivots_on_its_toe_turns_with_the_body(tmp_path, turn):
+    """Held at its mean yaw, it pointed 60 degrees elsewhere before and after a turn by 120, and nothing said so."""
+    human, _ = make(tmp_path, frames=90)
+    share = np.clip((np.arange(90) - 30) / 30, 0, 1)
+    turned = axis_rotation(2, np.deg2rad(turn) * share**2 * (3 - 2 * share))
+    toe = human.positions["left_toe"]
+    positions = {role: toe + (turned @ (place - toe)[..., None])[..., 0] for role, place in human.positions.items()}
+    rotations = {role: turned @ rotation for role, rotation in human.rotations.items()}
+    targets = robot_targets(replace(human, positions=positions, rotations=rotations), LAFAN1, ROBOT, 30.0)
+    forward = (np.swapaxes(targets.rotations["pelvis"], 1, 2) @ targets.rotations["left_ankle"])[:, :2, 0]
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    assert np.degrees(np.arccos((forward @ forward[0]).clip(-1, 1))).max() < 4
+    tip = targets.positions["left_ankle"] + targets.rotations["left_ankle"] @ [ROBOT.sole[:, 0].max(), 0, 0]
+    assert np.ptp(tip[:, :2], axis=0).max() < 2e-3
 
 
 def test_a_lifted_foot_keeps_its_clearance_in_proportion(tmp_path):
