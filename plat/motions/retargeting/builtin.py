@@ -11,6 +11,7 @@ from importlib import resources
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.retargeting.capture_axes import rest_pitches
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.propose import propose_map
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap, load_map
@@ -67,7 +68,8 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
     """Return the map that comes with plat and fits, with the joints named as the capture names them.
 
     Prefixes, case and separators do not matter. Of several maps that fit, exact names count most, then the one whose
-    chest is highest. A map whose trunk would have no length does not fit.
+    chest is highest. A map whose trunk would have no length does not fit. How the trunk's lines lean in upright
+    standing is what the capture's rest pose says, and the map where that one does not stand.
 
     Raises:
         MotionError: when none fits; ``where`` is for its message.
@@ -85,7 +87,8 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
                     found.append((exact, _depth(mocap, joints["chest"]), replace(skeleton, joints=joints)))
                 break
     if found:
-        return max(found, key=lambda row: row[:2])[2]
+        fitting = max(found, key=lambda row: row[:2])[2]
+        return replace(fitting, **rest_pitches(mocap, fitting.joints))
     known = ", ".join(skeleton.name for skeleton in builtin_maps())
     raise UnknownSkeletonError(
         f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (plat motions "

@@ -1,11 +1,14 @@
-"""Which axis of a capture's world points up, and whether left is left."""
+"""Which axis of a capture's world points up, whether left is left, and how the trunk leans in the rest pose."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SIDES
 
-__all__ = ["AXES", "check_sides", "find_up"]
+__all__ = ["AXES", "check_sides", "find_up", "rest_pitches"]
 
 AXES = {"x": 0, "y": 1, "z": 2}
 _NAMES = "xyz"
@@ -145,6 +148,27 @@ def check_sides(at: dict[str, np.ndarray], where: str, name: str) -> None:
         raise MotionError(
             f"{where}: shoulders and hips have left and right the other way round; see skeleton map {name!r}"
         )
+
+
+def rest_pitches(mocap: Mocap, joints: Mapping[str, str]) -> dict[str, float]:
+    """Return by how many degrees the lines of pelvis and torso lean back in a rest pose that stands, else nothing.
+
+    Args:
+        mocap: whose rest pose it is.
+        joints: of a skeleton map, role to name.
+    """
+    rest = {role: mocap.rest[mocap.names.index(name)] for role, name in joints.items()}
+    axis = _rest_up(rest)
+    if axis is None:
+        return {}
+    up = np.eye(3)[axis]
+
+    def lean(start: str, end: str, joint: str) -> float:
+        line, forward = rest[end] - rest[start], np.cross(rest[f"left_{joint}"] - rest[f"right_{joint}"], up)
+        back = -(line @ forward) / max(float(np.linalg.norm(forward)), 1e-9)
+        return round(float(np.degrees(np.arctan2(back, line @ up))), 1) + 0.0
+
+    return {"pelvis_pitch": lean("hips", "spine", "hip"), "torso_pitch": lean("chest", "neck", "shoulder")}
 
 
 def _rest_up(rest: dict[str, np.ndarray]) -> int | None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plat.motions.formats.spellings import tokens
+from plat.motions.retargeting.capture_axes import rest_pitches
 from plat.motions.retargeting.mocap import Mocap
 from plat.motions.retargeting.skeletons import SIDES, SkeletonMap
 
@@ -65,7 +66,8 @@ def propose_map(mocap: Mocap, name: str) -> SkeletonMap | None:
     if spine is None or neck is None:
         return None
     joints |= {"hips": hips, "spine": spine, "chest": top, "neck": neck}
-    return SkeletonMap(name, {role: mocap.names[joint] for role, joint in joints.items()})
+    names = {role: mocap.names[joint] for role, joint in joints.items()}
+    return SkeletonMap(name, names, **rest_pitches(mocap, names))
 
 
 class _Tree:

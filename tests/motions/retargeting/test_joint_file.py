@@ -6,7 +6,12 @@ import pytest
 from plat.errors import MotionError
 from plat.motions import read_motion_files
 from plat.motions.retargeting import builtin_maps, read_bvh, retarget
-from plat.motions.retargeting.joint_file import holds_human_joints, read_joint_file
+from plat.motions.retargeting.builtin import find_map
+from plat.motions.retargeting.geometry import RobotGeometry
+from plat.motions.retargeting.human import read_human
+from plat.motions.retargeting.joint_file import _SMPL_TREE, holds_human_joints, read_joint_file
+from plat.motions.retargeting.targets import robot_targets
+from plat.robots import G1
 
 from .human import write_human
 
@@ -57,6 +62,36 @@ def test_the_number_of_joints_tells_the_skeleton(tmp_path, person, count):
     legs = [7 + index for index in (3, 4, 9, 10)]
     assert difference[:, legs].max() < 0.2
     assert difference[:, :3].max() < 0.06
+
+
+def test_who_stands_upright_in_smpl_is_an_upright_robot(tmp_path):
+    """Its lines from pelvis to spine1 and from spine3 to neck lean back by 10 to 14 degrees in the rest pose."""
+    body = {  # rest pose of the mean body: x left, y up, z forward (m)
+        "pelvis": (0, 0, 0),
+        "spine1": (0, 0.109, -0.027),
+        "spine2": (0, 0.244, -0.026),
+        "spine3": (0, 0.297, 0),
+        "neck": (0, 0.511, -0.043),
+        "head": (0, 0.576, 0.008),
+        "hip": (0.069, -0.091, -0.006),
+        "knee": (0.105, -0.47, -0.013),
+        "ankle": (0.09, -0.868, -0.056),
+        "foot": (0.116, -0.92, 0.065),
+        "collar": (0.08, 0.417, -0.037),
+        "shoulder": (0.173, 0.448, -0.046),
+        "elbow": (0.43, 0.435, -0.073),
+        "wrist": (0.68, 0.444, -0.074),
+    }
+    names = [row.split()[0] for row in _SMPL_TREE]
+    sides = np.array([-1 if "right" in name else 1 for name in names])
+    rest = np.array([body[name.split("_")[-1]] for name in names]) * np.column_stack((sides, np.ones((22, 2))))
+    rest[:, 1] += 0.95
+    np.savez(tmp_path / "stand.npz", joints=np.tile(rest, (5, 1, 1)), fps=20)
+    mocap = read_joint_file(tmp_path / "stand.npz")
+    skeleton = find_map(mocap, "stand.npz")
+    targets = robot_targets(read_human(mocap, skeleton, "stand.npz"), skeleton, RobotGeometry.of(G1), mocap.fps)
+    for role in ("pelvis", "torso"):
+        assert np.degrees(np.arccos(targets.rotations[role][:, 2, 2])).max() < 2
 
 
 def test_rates_names_and_rotations(tmp_path, person):
