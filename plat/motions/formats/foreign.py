@@ -2,9 +2,11 @@
 
 from collections.abc import Collection
 
+import numpy as np
+
 from plat.errors import MotionError
 
-__all__ = ["refuse_foreign", "refuse_human_body", "refuse_old_arrays"]
+__all__ = ["refuse_bare_joints", "refuse_foreign", "refuse_human_body", "refuse_old_arrays"]
 
 _BODY_POSES = ("poses", "pose_body", "pose_aa", "body_pose", "smpl_poses", "full_pose")
 _BODY_SHAPES = ("betas", "beta", "v_template", "shape_est_betas")
@@ -74,7 +76,8 @@ def refuse_human_body(fields: Collection[str]) -> None:
     if {"poses", "trans"} <= set(fields) or any(name in fields for name in _BODY_POSES):
         raise MotionError(
             "human motion of the SMPL family (AMASS), not of a robot: retarget it first, with GMR for instance, or "
-            "export its joints as .bvh and run plat motions retarget"
+            "write its joints' places in the world with np.savez(path, joints=[T, 22, 3], fps=...) and run plat "
+            "motions retarget"
         )
     if {"skeleton_tree", "rotation"} <= set(fields):
         raise MotionError(
@@ -83,6 +86,24 @@ def refuse_human_body(fields: Collection[str]) -> None:
         )
     if any(name in fields for name in _BODY_SHAPES):
         raise MotionError("a human body's shape of the SMPL family (AMASS), no motion: leave it out")
+
+
+def refuse_bare_joints(found: object) -> None:
+    """Raise for an array that may be joint positions of a human, as HumanML3D has them: it states no frame rate.
+
+    Args:
+        found: what a file holds.
+
+    Raises:
+        MotionError: naming its shape and what to do.
+
+    >>> refuse_bare_joints(np.zeros((40, 36)))
+    """
+    if isinstance(found, np.ndarray) and found.ndim == 3 and found.shape[2] == len("xyz"):
+        raise MotionError(
+            f"it holds an array of shape {found.shape}: if these are joint positions of a human, write them with "
+            "np.savez(path, joints=array, fps=rate)"
+        )
 
 
 def refuse_old_arrays(fields: Collection[str]) -> None:

@@ -9,6 +9,7 @@ from plat.motions.formats.archive import read_array
 from plat.motions.formats.common import MotionFile, ReadOptions
 from plat.motions.formats.csv_file import read_values
 from plat.motions.formats.decompress import check_numbers
+from plat.motions.formats.foreign import refuse_bare_joints
 from plat.motions.formats.pickle_file import read_fields
 from plat.motions.formats.text_tables import Table
 
@@ -27,11 +28,7 @@ def read_npy(path: Path, options: ReadOptions) -> MotionFile:
         return read_fields(path, found, options, len(data), len(data))
     if found is None or found.ndim != 2 or found.dtype.kind not in "fiu":
         shape = "what is no numbers" if found is None else f"an array of shape {found.shape} and type {found.dtype}"
-        if found is not None and found.ndim == 3 and found.shape[2] == 3:
-            raise MotionError(
-                f"it holds an array of shape {found.shape}: if these are joint positions of a human, write them with "
-                "np.savez(path, joints=array, fps=rate)"
-            )
+        refuse_bare_joints(found)
         raise MotionError(
             f"it holds {shape}, expected (frames, {7 + options.robot.num_joints}) numbers, or fields of a motion"
         )

@@ -11,6 +11,7 @@ from plat.json_file import short
 from plat.motions.formats.archive import archive_shapes, read_archive, states_rate, take_rate
 from plat.motions.formats.clock import ELSEWHERE, even_frames, stated_rates, times_of_fields
 from plat.motions.formats.common import strings
+from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.kimodo import KIMODO_FPS
 from plat.motions.formats.npz_file import ALIASES
 from plat.motions.retargeting.mocap import Mocap
@@ -108,7 +109,12 @@ def read_joint_file(path: str | Path, fps: float | None = None) -> Mocap:
         arrays = read_archive(Path(path))
         name = _places({name: array.shape for name, array in arrays.items()})
         if name is None:
-            raise MotionError(f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3)")
+            refuse_human_body(arrays)
+            has = ", ".join(f"{name!r} {array.shape}" for name, array in list(arrays.items())[:6]) or "nothing"
+            raise MotionError(
+                f"no joint positions of a human, expected {' or '.join(_PLACES)} of (frames, joints, 3) with "
+                f"'joint_names' beside them or in SMPL's order (22 joints and more); it has {has}"
+            )
         notes = []
         if name == _KIMODO and fps is None and not states_rate(arrays) and not stated_rates(Path(path), []):
             arrays["fps"] = np.array(KIMODO_FPS)

@@ -9,6 +9,7 @@ import torch
 from plat.errors import MotionError
 from plat.motions.formats.archive import read_array
 from plat.motions.formats.common import number, strings
+from plat.motions.formats.foreign import refuse_bare_joints
 from plat.motions.formats.unpickle import PickledArray
 from plat.motions.retargeting.mocap import Mocap, check_extent
 from plat.rotations import quat_to_matrix
@@ -45,6 +46,7 @@ def read_poselib(path: str | Path, fps: float | None = None) -> Mocap:
     try:
         data = Path(path).read_bytes()
         content = read_array(data)
+        refuse_bare_joints(content)
         if not isinstance(content, dict) or any(field not in content for field in _FIELDS):
             raise MotionError(f"no motion of poselib, expected a dictionary with {', '.join(_FIELDS)}")
         if "fps" not in content:

@@ -146,6 +146,21 @@ def test_names_that_are_none_of_these_joints_are_refused(tmp_path, names, messag
     assert "joints by their number, 22" in read_joint_file(tmp_path / "a.npz").notes
 
 
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"poses": np.zeros((4, 156)), "trans": np.zeros((4, 3))}, "human motion of the SMPL family"),
+        ({"joints": np.zeros((4, 17, 3))}, r"no joint positions .* in SMPL's order .*; it has 'joints' \(4, 17, 3\)"),
+    ],
+    ids=["AMASS", "other joints"],
+)
+def test_what_holds_no_joints_that_are_known_is_named(tmp_path, arrays, message):
+    """AMASS was refused as lacking *joints*, and joints that are no SMPL's as if there were none."""
+    np.savez(tmp_path / "a.npz", **arrays, fps=30)
+    with pytest.raises(MotionError, match=f"a.npz': {message}"):
+        read_joint_file(tmp_path / "a.npz")
+
+
 def test_uneven_times_are_made_even(tmp_path):
     """Cameras have no steady rate: frames were taken as even, and what was fast became slow."""
     share = np.linspace(0, 1, 60)

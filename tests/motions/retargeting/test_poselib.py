@@ -131,6 +131,10 @@ def without(field: str) -> OrderedDict[str, object]:
     ("stored", "message"),
     [
         (without("fps"), "a pose of poselib and no motion"),
+        (
+            np.zeros((40, 22, 3)),
+            r"an array of shape \(40, 22, 3\): if these are joint positions of a human, write them",
+        ),
         (without("rotation"), "no motion of poselib, expected a dictionary with rotation"),
         (changed(root_translation=tensor(np.zeros(3))), r"'root_translation' has shape \(3,\)"),
         (changed(rotation=tensor(np.zeros((40, 15, 4)))), "quaternions that are not of length 1"),
