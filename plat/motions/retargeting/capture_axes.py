@@ -30,6 +30,7 @@ _CLIMB = 1.6
 # A rest pose whose legs and trunk are in line, and along an axis, by this much.
 _IN_LINE = 0.9
 _BEHIND = -0.3
+_TURN_IT = "turn it so that y or z is up, or state the axis: plat motions convert --up"
 
 
 def find_up(
@@ -59,10 +60,7 @@ def find_up(
     along = int(np.argmax(upright))
     stands = upright[along] > _STANDING
     if stated is not None and upright[stated] < -_STANDING:
-        raise MotionError(
-            f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; state which is up: "
-            "plat motions convert --up"
-        )
+        raise MotionError(f"{where}: along the stated up axis {_NAMES[stated]} the head is below the feet; {_TURN_IT}")
     if stands and along == stated:
         return along, []
     hint = _rest_up(rest)
@@ -81,13 +79,18 @@ def find_up(
                 down = _NAMES[int(upright.argmin())]
                 raise MotionError(
                     f"{where}: {_NAMES[stated]} should be up, and the body stands along -{down} and does not lie on a "
-                    f"floor; turn it so that y or z is up, or state the axis: plat motions convert --up"
+                    f"floor; {_TURN_IT}"
                 )
             return stated, []
         fitting = [axis for axis in (1, 2) if _FLOOR[0] < lowest[axis] < _FLOOR[1] and travel[axis] < _CLIMB]
         if hint in fitting or len(fitting) == 1:
             up = hint if hint is not None and hint in fitting else fitting[0]
             return up, [f"{_NAMES[up]} taken as up, by the floor: nobody stands"]
+        if upright.min() < -_STANDING:
+            down = _NAMES[int(upright.argmin())]
+            raise MotionError(
+                f"{where}: which axis is up is not to be told, and the head points along -{down}; {_TURN_IT}"
+            )
         raise _untold(where)
     standing_hints = [_FLOOR[0] < lowest[along] < _FLOOR[1] and travel[along] < _CLIMB, hint == along]
     others = [axis for axis in ((stated,) if stated is not None else (1, 2)) if axis != along]

@@ -101,8 +101,11 @@ def test_an_axis_that_nothing_tells_is_refused(tmp_path):
     with pytest.raises(MotionError, match="y should be up, and the body stands along z; does it lie"):
         read_human(far, LAFAN1, "clip.bvh")
     upside_down = turned(standing, Rotation.from_euler("x", 180, degrees=True))
-    with pytest.raises(MotionError, match="along the stated up axis y the head is below the feet"):
+    with pytest.raises(MotionError, match="along the stated up axis y the head is below the feet; turn it"):
         read_human(upside_down, LAFAN1, "clip.bvh")
+    # joints in a camera's axes: none of the axes that can be stated is up
+    with pytest.raises(MotionError, match="and the head points along -y; turn it so that y or z is up, or state"):
+        read_human(upside_down, AUTO, "clip.bvh")
 
 
 def test_a_stated_unit_gives_way_to_the_legs(tmp_path):
