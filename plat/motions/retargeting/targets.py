@@ -14,6 +14,8 @@ __all__ = ["Targets", "robot_targets"]
 
 # Percentile of the heights of ankles and toes over a clip that is taken for their height on the ground.
 _GROUND_PERCENTILE = 5.0
+# Heights of who stands are no more: of the toe over the body's lowest joint (legs), of the ankle over the toe (feet).
+_TOE_HEIGHT, _ANKLE_HEIGHT = 0.05, 0.75
 # A foot that is nearly flat in contact is made flat: pitch below this is taken away (rad).
 _FLAT_PITCH = 0.09
 # Sines of slopes between which a foot that lies becomes one that may stand: of the shin, and of a foot on its toes; and
@@ -58,10 +60,7 @@ def robot_targets(human: Human, skeleton: SkeletonMap, robot: RobotGeometry, fps
         fps: frames a second.
     """
     at, scale = human.positions, robot.leg / human.leg
-    ground = {
-        joint: float(np.percentile([at[f"{side}_{joint}"][:, 2] for side in SIDES], _GROUND_PERCENTILE))
-        for joint in ("ankle", "toe")
-    }
+    ground = _ground(human)
     pelvis_rot = _frame(at["left_hip"] - at["right_hip"], at["spine"] - at["hips"], skeleton.pelvis_pitch)
     torso_rot = _frame(at["left_shoulder"] - at["right_shoulder"], at["neck"] - at["chest"], skeleton.torso_pitch)
     hips = 0.5 * (at["left_hip"] + at["right_hip"]) - [0, 0, ground["ankle"]]
@@ -78,6 +77,19 @@ def robot_targets(human: Human, skeleton: SkeletonMap, robot: RobotGeometry, fps
         targets.positions.update({f"{side}_knee": leg[0], f"{side}_elbow": arm[0], f"{side}_wrist": arm[1]})
         _plant(targets, human, side, leg[1], ground, robot, fps)
     return targets
+
+
+def _ground(human: Human) -> dict[str, float]:
+    """Return the heights of ankle and toe of a foot that stands (m), also where none does: as of who lies or sits."""
+    at = human.positions
+    lowest = float(np.percentile(np.min([place[:, 2] for place in at.values()], 0), _GROUND_PERCENTILE))
+    foot = float(np.mean([np.linalg.norm(at[f"{side}_toe"] - at[f"{side}_ankle"], axis=1) for side in SIDES]))
+    ankle, toe = (
+        float(np.percentile([at[f"{side}_{joint}"][:, 2] for side in SIDES], _GROUND_PERCENTILE))
+        for joint in ("ankle", "toe")
+    )
+    toe = min(toe, lowest + _TOE_HEIGHT * human.leg)
+    return {"ankle": min(ankle, toe + _ANKLE_HEIGHT * foot), "toe": toe}
 
 
 def _limb(human: Human, side: str, joints: tuple[str, str, str], lengths: tuple[float, float]) -> np.ndarray:

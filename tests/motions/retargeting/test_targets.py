@@ -63,6 +63,20 @@ def test_a_foot_that_pivots_on_its_toe_turns_with_the_body(tmp_path, turn):
     assert np.ptp(tip[:, :2], axis=0).max() < 2e-3
 
 
+def test_who_stands_on_the_hands_is_not_below_the_floor(tmp_path):
+    """Feet that are never low were taken for the ground: the pelvis of a handstand was 0.7 m below it."""
+    human, _ = make(tmp_path, turns={"LeftArm": (0, 170, 0), "RightArm": (0, -170, 0)}, frames=31)
+    raised = {role: place[15:16].repeat(9, 0) @ np.diag([1.0, -1, -1]) for role, place in human.positions.items()}
+    lowest = min(place[:, 2].min() for place in raised.values())
+    positions = {role: place + np.array([0, 0, 0.05 - lowest]) for role, place in raised.items()}
+    rotations = {role: np.diag([1.0, -1, -1]) @ rotation[:9] for role, rotation in human.rotations.items()}
+    upside_down = replace(human, positions=positions, rotations=rotations)
+    targets = robot_targets(upside_down, LAFAN1, ROBOT, 30.0)
+    height = ROBOT.leg / human.leg * positions["hips"][0, 2]
+    assert height - 0.3 < targets.positions["pelvis"][0, 2] < height
+    assert max(targets.contact[role].max() for role in targets.contact) == 0
+
+
 def test_a_lifted_foot_keeps_its_clearance_in_proportion(tmp_path):
     human, targets = make(tmp_path, turns={"LeftUpLeg": (60, 0, 0), "LeftLeg": (-60, 0, 0)})
     lift = np.ptp(human.positions["left_ankle"][:, 2])
