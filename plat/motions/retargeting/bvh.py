@@ -37,7 +37,7 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
 
     A rotation is the product of the joint's rotation channels in the order of the file. A position channel takes the
     place of the joint's ``OFFSET`` along that axis, as the data sets that have such channels mean it. The frames that
-    follow count, whatever ``Frames:`` says.
+    follow count, whatever ``Frames:`` says. Of several roots a note tells.
 
     Args:
         path: the file.
@@ -80,7 +80,9 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
     rate = fps or checked_rate(path, seconds)
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations, of_angles = _settled(joints, values, angles)
-    notes = (*told, *notes, *of_angles)
+    bodies = sum(joint.parent < 0 for joint in joints)
+    of_bodies = (f"one of {bodies} skeletons in the file",) if bodies > 1 else ()
+    notes = (*told, *notes, *of_angles, *of_bodies)
     names, parents = zip(*((joint.name, joint.parent) for joint in joints), strict=True)
     rest = np.zeros((len(joints), 3))
     for joint in joints:

@@ -18,6 +18,8 @@ _USUAL_LEG = 0.84
 # Shin over thigh, arm over leg, and hips to shoulders over leg, lowest and highest. Of captures of people the last is
 # 0.44 to 0.6; four-legged animals with a human's joint names have 1.
 _SHIN, _ARM, _TRUNK = (0.4, 2.5), (0.3, 2.0), (0.25, 0.95)
+# Nobody's legs get shorter or longer than this, as shares of their median.
+_CONSTANT = (0.5, 1.5)
 # A pose before the motion: joints go this far to the next frame (legs), and this many times as far as later.
 _POSED, _LEAP = 0.15, 6.0
 _POSED_FRAMES = 3
@@ -120,6 +122,7 @@ def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float
     trunk = float(np.median(np.linalg.norm(middle["shoulder"] - middle["hip"], axis=1)))
     if thigh + shin == 0:
         raise MotionError(f"{where}: legs without length; are hips, knees and ankles of the skeleton map right?")
+    _check_constant(raw, where)
     for what, share, (low, high) in (
         ("shin to thigh", shin / max(thigh, 1e-9), _SHIN),
         ("arm to leg", arm / (thigh + shin), _ARM),
@@ -130,6 +133,22 @@ def _leg(raw: dict[str, np.ndarray], skeleton: SkeletonMap, where: str) -> float
                 f"{where}: {what} is {share:.2f}, as no human has it; is skeleton map {skeleton.name!r} right?"
             )
     return thigh + shin
+
+
+def _check_constant(raw: dict[str, np.ndarray], where: str) -> None:
+    """Raise where legs change their length: a tracker writes zeros where it lost a body."""
+    bones = [
+        (f"{side}_{start}", f"{side}_{end}") for side in SIDES for start, end in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    lengths = np.sum([np.linalg.norm(raw[end] - raw[start], axis=1) for start, end in bones], 0)
+    shares = lengths / max(float(np.median(lengths)), 1e-9)
+    odd = np.flatnonzero((shares < _CONSTANT[0]) | (shares > _CONSTANT[1]))
+    if len(odd):
+        others = f" and {len(odd) - 1} more" if len(odd) > 1 else ""
+        raise MotionError(
+            f"{where}: legs have {shares[odd[0]]:.2g} times their usual length in frame {odd[0] + 1}{others}, as where "
+            "a body was lost; fill these frames in, or cut the file there"
+        )
 
 
 def _posed_frames(raw: dict[str, np.ndarray], leg: float) -> int:

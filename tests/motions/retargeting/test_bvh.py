@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from plat.errors import MotionError
 from plat.motions.retargeting import read_bvh
 
-from .human import write_human
+from .human import JOINTS, write_human
 
 TEXT = """HIERARCHY
 ROOT hips
@@ -290,3 +290,14 @@ def test_decimal_commas_and_a_unit_of_the_frame_time(tmp_path, commas):
     assert mocap.fps == usual.fps
     np.testing.assert_array_equal(mocap.positions, usual.positions)
     assert mocap.notes == (("decimal commas",) if commas else ())
+
+
+def test_of_two_people_one_is_read_and_told(tmp_path):
+    names = [{joint: f"{who}:{joint}" for joint, *_ in JOINTS} for who in ("A", "B")]
+    files = [write_human(tmp_path / "a.bvh", frames=3, names=of).read_text().split("MOTION\n") for of in names]
+    rows = [motion.splitlines() for _, motion in files]
+    both = [*rows[0][:2], *(" ".join(row) for row in zip(rows[0][2:], rows[1][2:], strict=True))]
+    tree = files[0][0] + files[1][0].removeprefix("HIERARCHY\n")
+    (tmp_path / "two.bvh").write_text(tree + "MOTION\n" + "\n".join(both))
+    assert read_bvh(tmp_path / "two.bvh").notes == ("one of 2 skeletons in the file",)
+    assert read_bvh(tmp_path / "a.bvh").notes == ()

@@ -162,6 +162,17 @@ def test_an_animal_with_the_joint_names_of_a_human_is_none(tmp_path):
         read_human(replace(mocap, positions=positions), LAFAN1, "elephant.bvh")
 
 
+def test_frames_in_which_a_body_was_lost_are_refused(tmp_path):
+    """Zeros for all joints became a crouch at the origin, and made the human smaller."""
+    mocap = read_bvh(write_human(tmp_path / "a.bvh"))
+    lost = mocap.positions.copy()
+    lost[10:12] = 0
+    with pytest.raises(
+        MotionError, match="legs have 0 times their usual length in frame 11 and 1 more, as where a body"
+    ):
+        read_human(replace(mocap, positions=lost), LAFAN1, "clip.bvh")
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_pose_before_the_motion_is_left_out(tmp_path, count):
     mocap = read_bvh(write_human(tmp_path / "a.bvh"))
