@@ -88,7 +88,9 @@ def find_map(mocap: Mocap, where: str) -> SkeletonMap:
                 break
     if found:
         fitting = max(found, key=lambda row: row[:2])[2]
-        return replace(fitting, **rest_pitches(mocap, fitting.joints))
+        stated = fitting.pelvis_pitch, fitting.torso_pitch
+        pelvis, torso = rest_pitches(mocap, fitting.joints) or stated
+        return replace(fitting, pelvis_pitch=pelvis, torso_pitch=torso)
     known = ", ".join(skeleton.name for skeleton in builtin_maps())
     raise UnknownSkeletonError(
         f"{where}: its joints are those of none of the known skeletons ({known}); write a map for them (plat motions "

@@ -153,8 +153,8 @@ def check_sides(at: dict[str, np.ndarray], where: str, name: str) -> None:
         )
 
 
-def rest_pitches(mocap: Mocap, joints: Mapping[str, str]) -> dict[str, float]:
-    """Return by how many degrees the lines of pelvis and torso lean back in a rest pose that stands, else nothing.
+def rest_pitches(mocap: Mocap, joints: Mapping[str, str]) -> tuple[float, float] | None:
+    """Return by how many degrees the lines of pelvis and torso lean back in a rest pose that stands, else None.
 
     Args:
         mocap: whose rest pose it is.
@@ -163,7 +163,7 @@ def rest_pitches(mocap: Mocap, joints: Mapping[str, str]) -> dict[str, float]:
     rest = {role: mocap.rest[mocap.names.index(name)] for role, name in joints.items()}
     axis = _rest_up(rest)
     if axis is None:
-        return {}
+        return None
     up = np.eye(3)[axis]
 
     def lean(start: str, end: str, joint: str) -> float:
@@ -171,7 +171,7 @@ def rest_pitches(mocap: Mocap, joints: Mapping[str, str]) -> dict[str, float]:
         back = -(line @ forward) / max(float(np.linalg.norm(forward)), 1e-9)
         return round(float(np.degrees(np.arctan2(back, line @ up))), 1) + 0.0
 
-    return {"pelvis_pitch": lean("hips", "spine", "hip"), "torso_pitch": lean("chest", "neck", "shoulder")}
+    return lean("hips", "spine", "hip"), lean("chest", "neck", "shoulder")
 
 
 def _rest_up(rest: dict[str, np.ndarray]) -> int | None:

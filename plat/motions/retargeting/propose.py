@@ -67,7 +67,8 @@ def propose_map(mocap: Mocap, name: str) -> SkeletonMap | None:
         return None
     joints |= {"hips": hips, "spine": spine, "chest": top, "neck": neck}
     names = {role: mocap.names[joint] for role, joint in joints.items()}
-    return SkeletonMap(name, names, **rest_pitches(mocap, names))
+    pelvis, torso = rest_pitches(mocap, names) or (0.0, 0.0)
+    return SkeletonMap(name, names, pelvis_pitch=pelvis, torso_pitch=torso)
 
 
 class _Tree:
