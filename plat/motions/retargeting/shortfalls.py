@@ -20,6 +20,8 @@ __all__ = ["shortfalls"]
 # deep in each other (m), and a joint at its speed limit for so many frames.
 _OFF, _RAISED, _INSIDE = 0.1, 0.02, 0.03
 _AT_LIMIT = 3
+# A foot whose contact is above this stands.
+_STANDS = 0.9
 # Collisions are looked for this often (Hz).
 _COLLISION_RATE = 10.0
 
@@ -59,6 +61,8 @@ def shortfalls(
     joint = int(fast.sum(0).argmax())
     if fast[:, joint].sum() >= _AT_LIMIT:
         told.append(f"{_called(robot.joint_names[joint])} at its speed limit for {fast[:, joint].sum()} frames")
+    if max(contact.max() for contact in targets.contact.values()) <= _STANDS:
+        told.append("no foot ever stands still on the floor")
     kept = [f"{_called(role)} by {100 * depth:.0f} cm" for role, depth in raised.items() if depth > _RAISED]
     if kept:
         told.append(f"kept out of the floor: {', '.join(kept)}")

@@ -50,3 +50,15 @@ def test_words_for_what_could_not_be_done(tmp_path):
     assert set(result.shortfalls) <= set(result.clip.notes)
     calm = retarget(write_human(tmp_path / "calm.bvh", frames=5))
     assert calm.shortfalls == ()
+
+
+def test_a_human_whose_feet_never_stand_is_told(tmp_path):
+    """On a treadmill, or at another frame rate, a slip of 0.00 cm/s read as perfect."""
+    path = write_human(tmp_path / "glide.bvh", frames=12)
+    head, rows = path.read_text().split("Frame Time: 0.033333\n")
+    places = [row.split(" ", 1) for row in rows.splitlines()]
+    glided = [f"{float(first) + 5 * frame} {rest}" for frame, (first, rest) in enumerate(places)]
+    path.write_text(head + "Frame Time: 0.033333\n" + "\n".join(glided))
+    result = retarget(path)
+    assert result.slip == 0
+    assert "no foot ever stands still on the floor" in result.shortfalls
