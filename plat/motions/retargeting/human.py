@@ -141,7 +141,7 @@ def _check_constant(raw: dict[str, np.ndarray], where: str) -> None:
         (f"{side}_{start}", f"{side}_{end}") for side in SIDES for start, end in (("hip", "knee"), ("knee", "ankle"))
     ]
     lengths = np.sum([np.linalg.norm(raw[end] - raw[start], axis=1) for start, end in bones], 0)
-    shares = lengths / max(float(np.median(lengths)), 1e-9)
+    shares = lengths / np.median(lengths[lengths > 0])
     odd = np.flatnonzero((shares < _CONSTANT[0]) | (shares > _CONSTANT[1]))
     if len(odd):
         others = f" and {len(odd) - 1} more" if len(odd) > 1 else ""
