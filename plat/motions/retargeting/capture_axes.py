@@ -144,7 +144,7 @@ def check_sides(at: dict[str, np.ndarray], where: str, name: str) -> None:
     if np.mean(votes[::2]) < _BEHIND and np.mean(votes) < _BEHIND / 2:
         raise MotionError(
             f"{where}: toes point behind the pelvis: left and right are exchanged, in skeleton map {name!r} or in the "
-            "file; exchange them in a map (--map)"
+            "file (exchange them in a map, --map), or its axes are left-handed (turn the sign of one)"
         )
     shoulders = at["left_shoulder"] - at["right_shoulder"]
     if float((left * shoulders).sum(1).mean()) < 0:
