@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.streams import standard_streams
+from plat.words import perhaps
 
 __all__ = ["COMMANDS", "Subcommand", "main"]
 
@@ -149,7 +150,8 @@ def _run(words: Sequence[str]) -> None:
         print(f"plat {__version__}")
         return
     if name not in COMMANDS:
-        sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}; see plat --help")
+        near = perhaps(name, COMMANDS)
+        sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}{near}; see plat --help")
     try:
         os.getcwd()
     except FileNotFoundError:

@@ -19,6 +19,7 @@ from plat.cli.compact import registry
 from plat.errors import PlatError
 from plat.runs.recipe import report_errors
 from plat.streams import ReaderLeft
+from plat.words import perhaps
 
 __all__ = ["parse", "run"]
 
@@ -58,9 +59,21 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
             raise
     except PlatError as error:
         sys.exit(f"error: {in_flags(str(error))}; see {prog or 'plat'} --help")
+    told = _complaint(kind, args, prog, options)
+    if args and not args[0].startswith("-") and not dataclasses.is_dataclass(kind):
+        names = re.findall(r"[\w-]+", _complaint(kind, [], prog, options).partition("{")[2].partition("}")[0])
+        if args[0] not in names:
+            known = f"{', '.join(names)}{perhaps(args[0], names)}"
+            told = (
+                f"{args[0]!r} is no command of {prog or 'plat'}, expected one of {known}; see {prog or 'plat'} --help"
+            )
+    sys.exit(f"error: {in_flags(told)}")
+
+
+def _complaint(kind: Any, args: Sequence[str], prog: str | None, options: Mapping[str, Any]) -> str:
     with registry(), _wide(), redirect_stderr(io.StringIO()) as told, suppress(SystemExit):
         tyro.cli(kind, args=args, prog=prog, **options)
-    sys.exit(f"error: {in_flags(one_line(told.getvalue()))}")
+    return one_line(told.getvalue())
 
 
 def one_line(box: str) -> str:

@@ -43,9 +43,25 @@ def test_help_needs_no_torch():
     assert out.returncode == 0, out.stderr
 
 
-def test_an_unknown_command_is_one_line():
-    with pytest.raises(SystemExit, match="'expret' is no command of plat, expected one of expert, .*distill") as error:
-        main(["expret"])
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["evalute"],
+            "'evalute' is no command of plat, expected one of expert, .*curves, perhaps 'evaluate'; see plat --help",
+        ),
+        (
+            ["keyframes", "shwo", "a.json"],
+            "'shwo' is no command of plat keyframes, expected one of from-motion, show, around, convert, "
+            "perhaps 'show'; see plat keyframes --help",
+        ),
+        (["motions", "bring", "--out", "x"], "'bring' is no command of plat motions, expected one of .*, map; see"),
+        (["motions", "inspect", "--outt", "x"], "Unrecognized options: --outt, x; perhaps you meant --out; see"),
+    ],
+)
+def test_an_unknown_command_is_one_line(words, message):
+    with pytest.raises(SystemExit, match=f"^error: {message}") as error:
+        main(words)
     assert "\n" not in str(error.value)
 
 
