@@ -121,10 +121,19 @@ def _group(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar="none|NAME=NUMBER,..." if optional else "NAME=NUMBER,...",
-        instance_from_str=lambda args: None if optional and args[0] == "none" else group_from_text(kind, args[0]),
+        instance_from_str=lambda args: (_optional if optional else group_from_text)(kind, args[0]),
         is_instance=lambda value: isinstance(value, kind) or (optional and value is None),
         str_from_instance=lambda value: ["none" if value is None else group_text(value)],
     )
+
+
+def _optional(kind: type, text: str) -> Any:
+    if text in ("none", "None"):
+        return None
+    try:
+        return group_from_text(kind, text)
+    except ValueError as error:
+        raise ValueError(str(error).replace("expected 'default'", "expected 'none', 'default'")) from None
 
 
 def _path(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Path] | None:

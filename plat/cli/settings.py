@@ -91,9 +91,14 @@ def one_line(box: str) -> str:
     similar = re.split("Perhaps you meant|Arguments similar", "\n".join(lines), maxsplit=1)[1:]
     if meant := re.findall(r"^ +(--[a-z][\w.-]+)", "".join(similar), re.MULTILINE):
         text += f"; perhaps you meant {' or '.join(dict.fromkeys(meant))}"
+    # of what may be left out: only what was wrong with it as a value
+    text = re.sub(r"no type matching .* - [^:]*: (?=\S)", "", text)
     text = text.replace("invalid literal for int() with base 10:", "expected a whole number, not")
     # of several values tyro does not say which is wrong, and why
-    text = text.replace("Could not find valid parse for arguments:", "expected other values than")
+    several = r"Could not (?:find valid parse for arguments: |parse arguments )(\[.*?\])(?: into .*)?$"
+    kind = re.search(r"^ +--[\w.-]+ \[?(INT|FLOAT)\b", "\n".join(lines), re.MULTILINE)
+    told = {"INT": "whole numbers, not", "FLOAT": "numbers, not"}[kind[1]] if kind else "other values than"
+    text = re.sub(several, rf"expected {told} \1", text)
     text = text.replace("could not convert string to float:", "expected a number, not")
     helped = re.search(r"plat [\w -]+ --help", box)
     return text.rstrip(".") + (f"; see {helped[0]}" if helped else "")

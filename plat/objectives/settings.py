@@ -110,7 +110,7 @@ class ImaginationConfig(Bounded):
     discount: Fraction = 0.98
     """discount per imagined step"""
     critic: Layers = ()
-    """hidden layers of a critic that speaks for what follows the imagined steps; () for none"""
+    """hidden layers of a critic that speaks for what follows the imagined steps; none: no critic"""
     lost_cost: NonNegative = 3.0
     """cost of a step of a lost robot, to the critic"""
     effort: NonNegative = 0.01

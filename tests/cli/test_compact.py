@@ -88,12 +88,15 @@ def test_the_command_line_takes_them():
     assert task.dense.joint_pos == TrackingTerm(2.0, 0.1)
     assert task.dense.anchor_pos == TrackingTerm(3.0, 0.4)  # the recipe's
     assert parse(ExpertRecipe, REQUIRED).task.noise is None
-    assert parse(ExpertRecipe, [*REQUIRED, "--task.noise", "none"]).task.noise is None
+    for none in ("none", "None"):
+        assert parse(ExpertRecipe, [*REQUIRED, "--task.noise", none]).task.noise is None
 
 
 def test_a_wrong_name_ends_the_program():
     with pytest.raises(SystemExit, match="'yw=1': expected 'default', or .* root_pos_xy"):
         parse(ExpertRecipe, [*REQUIRED, "--task.reset-noise", "yw=1"])
+    with pytest.raises(SystemExit, match="--task.noise: 'off': expected 'none', 'default', or .* joint_pos"):
+        parse(ExpertRecipe, [*REQUIRED, "--task.noise", "off"])
 
 
 def test_presets_leave_groups_at_their_defaults():

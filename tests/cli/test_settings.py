@@ -55,6 +55,10 @@ def test_presets():
         ),
         (["--out"], "Missing value for argument '--out'. Expected 1 values; see plat expert --help"),
         (["--preset", "worst"], "--preset 'worst': expected one of best, paper"),
+        (["--minutes", "30m"], "--minutes: expected a number, not '30m'; see plat expert --help"),
+        (["--steps", "1e6"], "--steps: expected a whole number, not '1e6'; see plat expert --help"),
+        (["--init", ""], "--init: is empty, expected a path; see plat expert --help"),
+        (["--critic", "64", "x"], "--critic: expected whole numbers, not ['64', 'x']; see plat expert --help"),
     ],
 )
 def test_misuse_is_one_line_with_the_flag(words, message, monkeypatch):
@@ -81,6 +85,11 @@ def test_an_empty_path_is_not_the_working_directory(command, words, field):
     told = r"(is empty, expected a path|expected other values than \[''\])"
     with pytest.raises(SystemExit, match=rf"^error: .*{field}.*: {told}; see plat {command}"):
         parse(COMMANDS[command].kind(), words, prog=f"plat {command}")
+
+
+def test_two_numbers_are_told_to_be_numbers():
+    with pytest.raises(SystemExit, match=r"^error: --trim: expected numbers, not \['1', 'x'\]; see plat motions"):
+        parse(COMMANDS["motions"].kind(), ["convert", "a", "--out", "b", "--trim", "1", "x"], prog="plat motions")
 
 
 def test_a_home_that_the_shell_left_as_it_is(monkeypatch, tmp_path):
