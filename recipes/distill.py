@@ -154,7 +154,7 @@ def on_cpu(teacher: Teacher) -> Teacher:
 def after(recipe: DistillRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
     if recipe.student == "plain":
-        return next_command(recipe, "plat evaluate", recipe.out, "--motions", recipe.motions)
+        return next_command(recipe, "plat evaluate", recipe.out, "--motions", "test.npz")
     rest = ("--student", recipe.out, "--motions", recipe.motions, "--minutes", "10", "--out", "runs/plat")
     if (run_folder(recipe.expert) / DYNAMICS_FILE).exists():  # the robot is learned already: imagine with it
         return next_command(recipe, "plat refine-model", "--init-model", recipe.expert, *rest)

@@ -52,7 +52,7 @@ def main(recipe: ImagineRecipe) -> None:
 
 def after(recipe: ImagineRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    return next_command(recipe, "plat evaluate", recipe.out, "--motions", recipe.motions)
+    return next_command(recipe, "plat evaluate", recipe.out, "--motions", "test.npz")
 
 
 if __name__ == "__main__":

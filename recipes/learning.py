@@ -33,6 +33,7 @@ from plat.runs.outputs import is_kept
 from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
+from plat.words import counted
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
@@ -166,6 +167,9 @@ def learn(
             )
         budget.end()
         run.save()  # what follows may fail, or be killed
+        if learner.iterations <= (warmup := learner.rates.warmup):
+            told = f"the budget ended within the {counted(warmup, 'iteration')} of warm-up"
+            print(f"warning: {told}: the policy has not learned by imagination yet", flush=True)
         if unseen is not None:
             env = SimulatedTask(make_task(unseen), REPORT_ROBOTS, device=device)
             report_model_error(recipe.out, model, env, actor)

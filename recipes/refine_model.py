@@ -41,8 +41,7 @@ def main(recipe: RefineModelRecipe) -> None:
 
 def after(recipe: RefineModelRecipe) -> str:
     """Return the lines that say where the run is and what comes next."""
-    words = ("plat evaluate", recipe.student, recipe.out, "--motions", recipe.motions)
-    return next_command(recipe, *words)
+    return next_command(recipe, "plat evaluate", recipe.student, recipe.out, "--motions", "test.npz")
 
 
 if __name__ == "__main__":

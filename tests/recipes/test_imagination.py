@@ -303,6 +303,17 @@ def test_minutes_hold_an_iteration_at_least_and_no_report(tmp_path, monkeypatch)
     assert finished["seconds"] < float(row["seconds"]) + 0.5
 
 
+def test_a_budget_that_ends_in_the_warm_up_is_told(tmp_path, capsys):
+    words = [*RECIPES["imagine"], "--imagination.warmup", 2, "--out", tmp_path / "run"]
+    told = "warning: the budget ended within the 2 iterations of warm-up: the policy has not learned"
+    for steps, is_told in ((128, True), (192, False)):
+        main(["imagine", *map(str, [*words, "--steps", steps, *([] if is_told else ["--resume"])])])
+        assert (told in capsys.readouterr().out) == is_told
+    imagined = [row["imagined_cost"] for row in rows_of(tmp_path / "run" / "metrics.csv")]
+    assert imagined[:2] == ["", ""]
+    assert float(imagined[2]) > 0
+
+
 TRAINED: dict[str, tuple[list[object], tuple[float, ...]]] = {
     "nothing": ([], (2e-3, 10.0, 1.5e-2, 20)),
     "a model": (["--init-model", "expert-model-g1"], (2e-3, 10.0, 4e-3, 8)),

@@ -15,7 +15,7 @@ from safetensors.torch import load_file
 from plat.errors import ConfigError
 from plat.modules import ExpertConfig, LatentPolicyConfig, RefinementConfig
 from plat.objectives import PPO, ImaginationConfig, MotorGradientConfig
-from plat.recipes import distill
+from plat.recipes import distill, imagine, refine, refine_model
 from plat.recipes.options import (
     DistillRecipe,
     ExpertModelRecipe,
@@ -124,6 +124,18 @@ def test_distilling_goes_on_from_a_student_in_its_shape(tmp_path, stages, studen
 def test_after_distilling_comes_stage_3_of_the_kind_that_stage_1_was(tmp_path, expert, stage_3):
     recipe = distill.DistillRecipe(motions=("generated:val",), expert=Path(expert), out=tmp_path)
     assert f"next: {stage_3} --student {tmp_path} --motions generated:val" in distill.after(recipe)
+
+
+def test_what_a_policy_learned_is_not_advised_to_score_it_on(tmp_path):
+    out = {"motions": ("mine.npz",), "out": tmp_path}
+    student = {"student": Path("runs/dagger"), **out}
+    lines = [
+        imagine.after(imagine.ImagineRecipe(**out)),
+        distill.after(distill.DistillRecipe(expert=Path("expert-g1"), **out | {"student": "plain"})),
+        refine.after(refine.RefineRecipe(**student)),
+        refine_model.after(refine_model.RefineModelRecipe(**student)),
+    ]
+    assert all(re.search(rf"next: plat evaluate .*{tmp_path} --motions test.npz$", text) for text in lines)
 
 
 def test_a_finished_run_stays_as_it_is_and_others_are_refused(stages):
