@@ -134,9 +134,18 @@ def main(args: Sequence[str] | None = None) -> None:
     try:
         with standard_streams():
             _run(words or ["--help"])
-    except KeyboardInterrupt:  # while a help text is made or a command is imported
+    except (KeyboardInterrupt, ImportError) as error:  # while a help text is made or a command is imported
+        if not _is_interrupt(error):
+            raise
         print("stopped", file=sys.stderr)
         sys.exit(130)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: extension modules make a failed import of it."""
+    while isinstance(error, ImportError):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def _run(words: Sequence[str]) -> None:

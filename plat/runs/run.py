@@ -379,7 +379,8 @@ class Run:
         except CheckpointError as error:
             print(f"stopped: {error}", flush=True)
         self._metrics.close()
-        print(f"go on with the same command and --resume (--out {self.folder})", flush=True)
+        # plat demo and plat ablations have no --resume: they go on when they are started again
+        print(f"go on with the same command, and --resume where it has that (--out {self.folder})", flush=True)
         self._end_logs()
         sys.exit(self._stop.status)
 

@@ -1,3 +1,4 @@
+import importlib
 import subprocess
 import sys
 
@@ -63,6 +64,25 @@ def test_an_unknown_command_is_one_line(words, message):
     with pytest.raises(SystemExit, match=f"^error: {message}") as error:
         main(words)
     assert "\n" not in str(error.value)
+
+
+def test_ctrl_c_during_an_import_is_one_line(monkeypatch, capsys):
+    def interrupted(name: str) -> None:
+        try:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as error:
+                raise ImportError("initialization failed") from error  # as extension modules do, one for another
+        except ImportError as error:
+            raise ImportError("initialization failed") from error
+
+    monkeypatch.setattr("plat.cli.import_module", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        main(["curves", "a"])
+    assert (ended.value.code, capsys.readouterr().err) == (130, "stopped\n")
+    monkeypatch.setattr("plat.cli.import_module", lambda name: importlib.import_module("plat.nothing"))
+    with pytest.raises(ModuleNotFoundError, match=r"plat\.nothing"):
+        main(["curves", "a"])
 
 
 def test_help_has_no_backquotes_and_its_frame_is_straight(capsys, monkeypatch):

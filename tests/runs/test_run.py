@@ -665,7 +665,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path, capsys):
     assert ended.value.code == 130
     out = capsys.readouterr().out
     assert "stopped with a checkpoint at 20 steps\n" in out
-    assert f"go on with the same command and --resume (--out {tmp_path / 'a'})\n" in out
+    assert f"go on with the same command, and --resume where it has that (--out {tmp_path / 'a'})\n" in out
     assert start(tmp_path / "a", resume=True)[3].steps == 20
 
 
