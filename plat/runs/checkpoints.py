@@ -1,6 +1,7 @@
 """Checkpoints of a run: written whole, with hashes, the last two kept."""
 
 import hashlib
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,8 @@ from plat.files import is_full
 __all__ = ["Checkpoints", "UnfitCheckpointError"]
 
 _HASH_SUFFIX = ".blake2b"
+_CUT = re.compile("inline_container|PytorchStreamWriter|iostream error")
+"""Torch's words of a file that was not written to its end."""
 _LONGEST = 400
 """Letters of a reason that are shown."""
 
@@ -60,8 +63,10 @@ class Checkpoints:
         """
         try:
             self._rotation.save(self._checkpoint, step=step)
-        except (OSError, RuntimeError) as error:  # torch tells a full disk in words of its own
-            reason = "no space left on device" if is_full(self._folder.parent) else error
+        except (OSError, RuntimeError) as error:
+            reason = "no space left on device" if is_full(self._folder.parent) else str(error)
+            if _CUT.search(reason):  # what the disk took of it is free again by now
+                reason = "the disk did not take all of it: it may be full"
             before = (
                 "the one before it is intact, go on from it with --resume" if self.all() else "there is none before it"
             )

@@ -816,6 +816,7 @@ def test_training_goes_on_where_the_disk_is_full(tmp_path, monkeypatch):
             run.log({"loss": 1})
     out = "\n".join(said)
     assert out.count("training goes on without a checkpoint") == 3
+    assert out.count("could not be written (the disk did not take all of it: it may be full); the one before") == 3
     assert out.count("rows are kept, training goes on") == 1
     assert start(tmp_path / "a", resume=True)[3].steps == 10
     budget.add(10)
