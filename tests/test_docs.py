@@ -130,6 +130,22 @@ def test_tables_stand_alone(page):
     assert [number for number in edges if not (blank[number] or blank[number - 1])] == []
 
 
+def paragraphs(text: str) -> list[str]:
+    """Return paragraphs and items as a line each."""
+    parts = re.split(r"\n\s*\n|\n(?=\s*(?:- |\d+\. ))", text)
+    return [" ".join(part.split()) for part in parts if part.strip()]
+
+
+def test_paragraphs_are_told_apart():
+    assert paragraphs("One\ntwo.\n\n- three\n  four\n- five\n") == ["One two.", "- three four", "- five"]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "results.md"], ids=name_of)
+def test_no_item_or_paragraph_is_told_twice(page):
+    told = [part for part in paragraphs(prose(page)) if len(part) > 80 and not part.startswith("|")]
+    assert {part for part in told if told.count(part) > 1} == set()
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 120
 
