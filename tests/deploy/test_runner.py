@@ -18,7 +18,7 @@ from tests.deploy.test_import import run as run_program
 
 @pytest.fixture
 def copy(bundle, tmp_path):
-    """The bundle, to be spoilt."""
+    """The bundle, to be spoiled."""
     return shutil.copytree(bundle, tmp_path / "bundle")
 
 

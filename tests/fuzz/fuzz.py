@@ -1,4 +1,4 @@
-"""Fuzzing of every reader with spoilt files: ``python -m tests.fuzz.fuzz --seconds 300``.
+"""Fuzzing of every reader with spoiled files: ``python -m tests.fuzz.fuzz --seconds 300``.
 
 Each case has a seed of its own, so that ``--only NAME --case NUMBER`` repeats it. Cases are read in a child process
 under limits; one that ends or hangs it is a fault too. ``--even`` gives every reader the same time, and not the same
@@ -96,7 +96,7 @@ def fuzz(
     even: bool = False,
     enough: Callable[[Report], bool] = lambda _: False,
 ) -> Report:
-    """Read spoilt files of all readers in turn.
+    """Read spoiled files of all readers in turn.
 
     Args:
         seconds: to go on for.
@@ -228,13 +228,13 @@ def write_case(subject: Subject, folder: Path, seed: int, case: int) -> None:
     suffix = Path(subject.target).suffix
     bombs = BOMBS.get(suffix, ())
     if case < 0:
-        spoilt = bombs[-1 - case](rng, content) if -case <= len(bombs) else content
+        spoiled = bombs[-1 - case](rng, content) if -case <= len(bombs) else content
     elif bombs and rng.random() < 0.02:
-        spoilt = rng.choice(bombs)(rng, content)
+        spoiled = rng.choice(bombs)(rng, content)
     else:
-        spoilt = MUTATIONS[subject.kind](rng, content)
+        spoiled = MUTATIONS[subject.kind](rng, content)
     for name, whole in subject.files.items():
-        (folder / name).write_bytes(spoilt if name == subject.target else whole)
+        (folder / name).write_bytes(spoiled if name == subject.target else whole)
     for path in folder.iterdir():
         if path.name not in subject.files:
             path.unlink()

@@ -12,7 +12,7 @@ from typing import Any
 __all__ = ["MUTATIONS", "Mutation"]
 
 Mutation = Callable[[random.Random, bytes], bytes]
-"""From a generator and a valid content to a spoilt one."""
+"""From a generator and a valid content to a spoiled one."""
 
 _LONGEST = 4 << 20
 _NUMBERS = ("nan", "inf", "-inf", "1e309", "-1e309", "1e-400", "0", "-1", "-0.0", "9" * 400, "1" * 5000, "0x10", "1_0")
@@ -233,4 +233,4 @@ MUTATIONS: dict[str, Mutation] = {
     "archive": _archive,
     "compressed": _compressed,
 }
-"""How the files of a kind are spoilt."""
+"""How the files of a kind are spoiled."""

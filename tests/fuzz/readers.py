@@ -49,7 +49,7 @@ _KINDS |= {".json": "json", ".yaml": "text", ".txt": "text", ".xml": "text"}
 
 @dataclass(frozen=True)
 class Subject:
-    """A reader and files that it reads, of which one is to be spoilt.
+    """A reader and files that it reads, of which one is to be spoiled.
 
     Attributes:
         name: of reader and file.

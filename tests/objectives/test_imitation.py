@@ -189,10 +189,10 @@ def test_the_student_learns(batch, kind):
 def test_a_batch_that_is_not_finite_is_refused(batch, kind, entry):
     loss_class = LatentImitationLoss if kind is LatentPolicy else ImitationLoss
     loss = loss_class(kind(G1).training_graph())
-    spoilt = batch.clone()
-    spoilt[entry][7, 2] = float("nan")
+    spoiled = batch.clone()
+    spoiled[entry][7, 2] = float("nan")
     with pytest.raises(ActionError, match="imitation loss: nan, expected a finite number; nothing was learned"):
-        loss(spoilt)
+        loss(spoiled)
     loss(batch)
 
 

@@ -161,7 +161,7 @@ def trim_motion(clip: MotionClip, start: float = 0.0, end: float = 0.0) -> Motio
 
 
 def _turn(first: torch.Tensor, second: torch.Tensor, angle: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Two coordinates of vectors, turned in their plane from the first axis towards the second."""
+    """Two coordinates of vectors, turned in their plane from the first axis toward the second."""
     return first * angle.cos() - second * angle.sin(), first * angle.sin() + second * angle.cos()
 
 

@@ -101,7 +101,7 @@ def read_human(
 
 
 def _foot_axes(at: dict[str, np.ndarray], side: str) -> np.ndarray:
-    """Return axes ``[T, 3, 3]`` that go with a foot: towards the toe, and as near to the line of the hips as can be."""
+    """Return axes ``[T, 3, 3]`` that go with a foot: toward the toe, and as near to the line of the hips as can be."""
     forward = at[f"{side}_toe"] - at[f"{side}_ankle"]
     forward = forward / np.linalg.norm(forward, axis=1, keepdims=True).clip(1e-9)
     left = at["left_hip"] - at["right_hip"]
