@@ -61,12 +61,10 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
         sys.exit(f"error: {in_flags(str(error))}; see {prog or 'plat'} --help")
     told = _complaint(kind, args, prog, options)
     if args and not args[0].startswith("-") and not dataclasses.is_dataclass(kind):
-        names = re.findall(r"[\w-]+", _complaint(kind, [], prog, options).partition("{")[2].partition("}")[0])
-        if args[0] not in names:
-            known = f"{', '.join(names)}{perhaps(args[0], names)}"
-            told = (
-                f"{args[0]!r} is no command of {prog or 'plat'}, expected one of {known}; see {prog or 'plat'} --help"
-            )
+        known = re.findall(r"[\w-]+", _complaint(kind, [], prog, options).partition("{")[2].partition("}")[0])
+        if args[0] not in known:
+            expected = f"{', '.join(known)}{perhaps(args[0], known)}"
+            told = f"{args[0]!r} is no command of {prog}, expected one of {expected}; see {prog or 'plat'} --help"
     sys.exit(f"error: {in_flags(told)}")
 
 
