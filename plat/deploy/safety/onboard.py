@@ -96,6 +96,7 @@ class OnboardController:
             root_of("anchor", anchor)
         self._anchor = anchor
         self._anew = False
+        self._commanded = False
         self._forget()
 
     @property
@@ -119,7 +120,7 @@ class OnboardController:
         return self._safe.elapsed(now)
 
     def reset(self) -> None:
-        """Begin anew: the robot has to stand still, then it ramps."""
+        """Begin anew: motors are braked until the robot stands still, then it ramps."""
         self._anew = True  # first: a step that uses up the other one's mark leaves this one for the next
         self._safe.reset()
 
@@ -158,15 +159,18 @@ class OnboardController:
         period, heard, self._heard = self._robot.control_dt, self._heard, now
         # a step is due at the reading that is nearest to its time: none comes when it should
         early = 0.5 * min(now - heard, period)
-        if settling or self._sent <= now < self._due - early:
+        # motors that were told something hold it until they are told something else
+        if (settling and not self._commanded) or self._sent <= now < self._due - early:
             return None
         # times do not count from the step before, or its delay would add to all that follow
         self._due = (self._due if abs(now - self._due) <= 0.5 * period else now) + period
-        self._sent = now
+        self._sent, self._commanded = now, True
+        if settling:
+            return self._safe.damped()
         state, self._fresh = (self._state if self._fresh else None), False
         command = self._safe.step(now, state, self._time)
         # after a reset within this step nothing is known: not even that the estimate is that of a robot at rest
-        return None if self._anew and self._safe.mode != "damping" else command
+        return self._safe.damped() if self._anew else command
 
     def _take(self, now: float, reading: OnboardReading | None) -> None:
         """Bring the estimate up to date.

@@ -161,7 +161,7 @@ class SafeRunner:
             self._forget()
         command = self._step(now, state, stamp)
         # a stop or a reset may have come while it was computed
-        return self._damped() if self._stopped or self._anew else command
+        return self.damped() if self._stopped or self._anew else command
 
     def _step(self, now: float, state: RobotState | None, stamp: float | None) -> JointCommand:
         if not is_finite(now):
@@ -175,7 +175,7 @@ class SafeRunner:
         if self.mode == "wait" and fault is None:
             self._begin(now)
         if self.mode in ("wait", "damping"):
-            return self._damped()
+            return self.damped()
         if self._watch.age(now) > self._settings.missing:
             return self._damp(now, "watchdog", f"no good state for {self._watch.age(now):.2f} s")
         if self._watch.bad_share > self._settings.doubt:
@@ -251,14 +251,15 @@ class SafeRunner:
         before, self._last_stop = self._stopped, object()  # first: a program of the user's own may listen to the log
         if not before:
             self.journal.note(now, piece, f"{reason}: damping mode", new=True)
-        return self._damped()
+        return self.damped()
 
     def _held(self) -> JointCommand:
         if self.mode in ("wait", "damping"):
-            return self._damped()
+            return self.damped()
         return JointCommand(self._limiter.last.copy(), self._robot.stiffness, self._robot.damping)
 
-    def _damped(self) -> JointCommand:
+    def damped(self) -> JointCommand:
+        """Return the command of damping mode; the mode stays what it is."""
         # without stiffness a target has no effect; it is one within the range all the same
         damping = self._settings.damping * self._robot.damping
         return JointCommand(self._limiter.last.copy(), np.zeros_like(damping), damping)

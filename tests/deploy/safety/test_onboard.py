@@ -276,6 +276,24 @@ def test_stop_and_reset():
     assert bench.controller.mode == "ramp"
 
 
+@pytest.mark.parametrize("within", [False, True])
+def test_a_reset_brakes_until_it_stood_still(within):
+    """Motors hold what they were told last: without a word they would be stiff while nothing balances."""
+    bench = Bench().run(0.6)
+    if within:
+        bench.policy.answer = lambda *_: bench.controller.reset() or ROBOT.default_joint_pos
+        bench.run(DT)
+    else:
+        bench.controller.reset()
+    count = len(bench.commands) - within
+    bench.run(0.07)
+    assert bench.controller.mode == "settle"
+    assert len(bench.commands) - count >= 3
+    for _, command in bench.commands[count:]:
+        assert not command.stiffness.any()
+        np.testing.assert_allclose(command.damping, ROBOT.damping)
+
+
 def test_a_stop_from_within_a_step_holds():
     bench = Bench().run(0.6)
     bench.policy.answer = lambda *_: bench.controller.stop("smoke").position
