@@ -45,6 +45,11 @@ Matrix rotation(double w, double x, double y, double z) {
              {s * (x * y - w * z), 1 - s * (x * x + z * z), s * (y * z + w * x)},
              {s * (x * z + w * y), s * (y * z - w * x), 1 - s * (x * x + y * y)}}};
 }
+json parsed(const std::string& file) {
+    std::ifstream stream(file);
+    if (!stream) throw runtime_error(file + ": cannot be read, expected a file of the bundle");
+    return json::parse(stream);
+}
 Numbers numbers(const json& object, const char* field, size_t size) {
     auto values = object.at(field).get<Numbers>();
     if (values.size() != size) throw runtime_error(field + (": expected " + std::to_string(size)) + " numbers");
@@ -58,7 +63,7 @@ Frame frame(const json& object, const char* pos, const char* quat) {
 class Policy {
    public:
     explicit Policy(const std::string& folder)
-        : bundle_(json::parse(std::ifstream(folder + "/bundle.json"))), robot_(bundle_.at("robot")),
+        : bundle_(parsed(folder + "/bundle.json")), robot_(bundle_.at("robot")),
           session_(environment_, (folder + "/policy.onnx").c_str(), Ort::SessionOptions{}),
           rest_(robot_.at("default_joint_pos").get<Numbers>()), scale_(numbers(robot_, "action_scale", rest_.size())),
           last_action_(rest_.size(), 0.0) {
@@ -70,7 +75,10 @@ class Policy {
         const size_t joints = rest_.size();
         const double max_steps = bundle_.at("command").at("max_steps"), dt = bundle_.at("control_dt");
         if (keyframe.contains("commands")) throw runtime_error("keyframe: whole poses only");
-        if (!(steps_left > 0 && steps_left <= max_steps)) throw runtime_error("steps_left: out of range");
+        if (!(steps_left > 0 && steps_left <= max_steps + 1e-3)) throw runtime_error("steps_left: out of range");
+        // times in seconds do not divide evenly: 0.06 s may be 3.0000000003 steps, and the arrival window has 3
+        const double whole = std::round(steps_left);
+        if (whole > 0 && std::abs(steps_left - whole) < 1e-3) steps_left = whole;
         const Frame root = frame(state, "root_pos_w", "root_quat_w"), target = frame(keyframe, "root_pos", "root_quat");
         const auto angles = numbers(keyframe, "joint_pos", joints);
         std::map<std::string, Numbers> terms;

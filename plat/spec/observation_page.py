@@ -29,8 +29,10 @@ _GROUPS = {
         "`tau` is the number of control steps until the keyframe, divided by `Timing.max_steps` of the\npolicy."
     ),
     "parts": (
-        "What the keyframe commands: entries of the goal that it does not command are 0. Only policies\n"
-        "trained with `--policy.also parts` observe this group; others are given whole keyframes alone."
+        "What the keyframe commands: entries of the goal that it does not command are 0. Horizontal\n"
+        "position and height of the root are made 0 in the world, before they are turned into its frame.\n"
+        "Only policies trained with `--policy.also parts` observe this group; others are given whole\n"
+        "keyframes alone."
     ),
     "clock": (
         "The end of the time to the keyframe, on a finer scale than `tau`. Only policies trained with\n"

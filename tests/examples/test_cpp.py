@@ -120,8 +120,20 @@ def test_it_refuses_and_goes_on(program: Path, small_bundle: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["shipped_bundle", "small_bundle"])
+def test_times_that_are_rounded_mean_whole_steps(program: Path, name: str, request: pytest.FixtureRequest) -> None:
+    folder = request.getfixturevalue(name)
+    step = json.loads((folder / "example.json").read_text())
+    longest = PolicyRunner(folder).timing.max_steps
+    for whole in (3, longest):
+        (exact,) = answers(program, folder, [{**step, "steps_left": whole}])
+        (rounded,) = answers(program, folder, [{**step, "steps_left": whole + 3e-10}])
+        assert rounded == exact
+
+
+@pytest.mark.slow
 def test_a_folder_that_is_no_bundle(program: Path, tmp_path: Path) -> None:
     result = subprocess.run([program, tmp_path], capture_output=True, text=True, check=False)
     assert result.returncode == 1
-    assert result.stderr.startswith("plat_policy: ")
+    assert result.stderr.startswith(f"plat_policy: {tmp_path}/bundle.json: cannot be read")
     assert len(result.stderr.splitlines()) == 1
