@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from plat.control.simulator import PHYSICS_STEPS
 from plat.deploy import PolicyRunner, RobotDescription, RobotState
 from plat.deploy.bundle import INPUT, METADATA_KEY, OUTPUT, Bundle, readable_json
 from plat.deploy.onnx_session import open_session
@@ -85,7 +86,7 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
             hashed = replace(bundle, network_sha256=hashlib.sha256(network_file).hexdigest())
             (part / BUNDLE_FILE).write_text(hashed.to_json(), encoding="utf-8")
             check = _check(part / NETWORK_FILE, network)
-            files = _optional_files(part, policy.robot, picture)
+            files = _optional_files(part, policy.robot, bundle.robot.control_dt, picture)
             card = model_card(bundle, saved, check.max_difference, files)
             (part / CARD_FILE).write_text(card, encoding="utf-8")
             example = _example(part, network, bundle)
@@ -96,10 +97,11 @@ def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) ->
     return check
 
 
-def _optional_files(folder: Path, robot: Robot, picture: bool) -> list[str]:
+def _optional_files(folder: Path, robot: Robot, control_dt: float, picture: bool) -> list[str]:
     """Write scene and picture where they can be made; return their names."""
     files = []
-    if (scene := scene_xml(robot)) is not None:
+    # physics steps of training, whatever the robot's file says: they divide the control step
+    if (scene := scene_xml(robot, control_dt / PHYSICS_STEPS)) is not None:
         (folder / SCENE_FILE).write_text(scene, encoding="utf-8")
         files.append(SCENE_FILE)
     if picture:

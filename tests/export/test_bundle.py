@@ -1,6 +1,7 @@
 import json
 import os
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -15,6 +16,7 @@ from plat.robots import G1
 from plat.runs import average_runs, register_policy
 from plat.runs.policies import _KINDS
 from plat.scratch import Scratch
+from plat.spec.timing import Timing
 from tests.export.runs import KINDS, small_policy, write_run
 
 onnx = pytest.importorskip("onnx")
@@ -69,6 +71,14 @@ def test_the_same_run_gives_the_same_files(tmp_path):
         export_bundle(run, tmp_path / name)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_the_physics_steps_of_the_scene_are_those_of_the_training(tmp_path):
+    """A robot's file has a time step of its own, of which a control step may be no multiple."""
+    policy = PlainPolicy(G1, PlainPolicyConfig(backbone=(8,), decoder=(8,), timing=Timing(control_dt=0.012)))
+    export_bundle(write_run(tmp_path / "run", policy), tmp_path / "bundle")
+    scene = mujoco.MjModel.from_xml_path(str(tmp_path / "bundle" / "scene.xml"))
+    assert scene.opt.timestep == pytest.approx(0.003)
 
 
 def test_the_card_of_an_average_has_the_motions_of_all_parts(tmp_path, written_once):
