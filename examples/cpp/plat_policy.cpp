@@ -1,8 +1,9 @@
 // Control steps of an exported policy: plat_policy bundle < steps.jsonl > targets.jsonl
 //
-// A line of input is an object with "state", "keyframe" and "steps_left", as in the bundle's example.json. A line of
-// output is the list of joint position targets (rad), or {"error": ...}: motors then hold their last targets. Keyframes
-// are whole poses. docs/deploy.md says what an observation is made of.
+// A line of input is an object with "state", "keyframe" and "steps_left", as in the bundle's example.json; its
+// "last_action" takes the place of the one that was computed last. A line of output is the list of joint position
+// targets (rad), or {"error": ...}: motors then hold their last targets. Keyframes are whole poses. docs/deploy.md says
+// what an observation is made of.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -71,8 +72,10 @@ class Policy {
             throw runtime_error("bundle.json: not a bundle of version 1");
     }
 
-    std::vector<float> step(const json& state, const json& keyframe, double steps_left) {
+    std::vector<float> step(const json& given) {
         const size_t joints = rest_.size();
+        const json &state = given.at("state"), &keyframe = given.at("keyframe");
+        double steps_left = given.at("steps_left");
         const double max_steps = bundle_.at("command").at("max_steps"), dt = bundle_.at("control_dt");
         if (keyframe.contains("commands")) throw runtime_error("keyframe: whole poses only");
         if (!(steps_left > 0 && steps_left <= max_steps + 1e-3)) throw runtime_error("steps_left: out of range");
@@ -88,7 +91,8 @@ class Policy {
         terms["robot.root_ang_vel_b"] = numbers(state, "root_ang_vel_b", 3);
         terms["robot.root_lin_vel_b"] = numbers(state, "root_lin_vel_b", 3);
         for (const Vector& axis : root.axes) terms["robot.gravity_b"].push_back(-axis[2]);
-        terms["robot.last_action"] = last_action_;
+        terms["robot.last_action"] =
+            given.contains("last_action") ? numbers(given, "last_action", joints) : last_action_;
         terms["goal.joint_pos"] = angles;
         for (double x : rotate_back(root.axes, minus(target.origin, root.origin)))
             terms["goal.root_pos_b"].push_back(x);
@@ -159,8 +163,7 @@ int main(int count, char** arguments) try {
     if (count != 2) throw runtime_error("expected one argument, the folder of a bundle");
     Policy policy(arguments[1]);
     for (std::string line; std::getline(std::cin, line);) try {
-            const json step = json::parse(line);
-            std::cout << json(policy.step(step.at("state"), step.at("keyframe"), step.at("steps_left"))) << std::endl;
+            std::cout << json(policy.step(json::parse(line))) << std::endl;
         } catch (const std::exception& error) {
             std::cout << json{{"error", error.what()}} << std::endl;
         }

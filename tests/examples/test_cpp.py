@@ -98,6 +98,15 @@ def test_it_steps_as_the_runner_does(program: Path, name: str, request: pytest.F
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["shipped_bundle", "small_bundle"])
+def test_the_bundles_own_example(program: Path, name: str, request: pytest.FixtureRequest) -> None:
+    folder = request.getfixturevalue(name)
+    example = json.loads((folder / "example.json").read_text())
+    (targets,) = answers(program, folder, [example])
+    np.testing.assert_allclose(targets, example["joint_position_target"], atol=TOLERANCE)
+
+
+@pytest.mark.slow
 def test_it_refuses_and_goes_on(program: Path, small_bundle: Path) -> None:
     step = json.loads((small_bundle / "example.json").read_text())
     runner = PolicyRunner(small_bundle)
@@ -105,6 +114,7 @@ def test_it_refuses_and_goes_on(program: Path, small_bundle: Path) -> None:
     broken = [
         {**step, "steps_left": 0},
         {**step, "steps_left": 1000},
+        {**step, "last_action": [0.0]},
         {**step, "state": {**step["state"], "joint_pos": [0.0]}},
         {**step, "state": {**step["state"], "root_quat_w": [2.0, 0.0, 0.0, 0.0]}},
         {**step, "state": {**step["state"], "root_lin_vel_b": [1e300, 0.0, 0.0]}},
