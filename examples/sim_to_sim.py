@@ -22,10 +22,11 @@ def main(bundle: Path, keyframes: Path | None = None) -> float:
     runner = PolicyRunner(bundle)
     model = mujoco.MjModel.from_xml_path(str(bundle / "scene.xml"))
     data, substeps = mujoco.MjData(model), round(runner.robot.control_dt / model.opt.timestep)
-    pose = standing(runner.robot)
-    aside = replace(pose.at(1.0), root_pos=pose.root_pos + np.array([0.0, 0.3, 0.0]))
-    sequence = KeyframeSequence(runner.robot, pose, (aside, pose.at(2.0)), runner.timing)
-    if keyframes is not None:
+    if keyframes is None:
+        pose = standing(runner.robot)
+        aside = replace(pose.at(1.0), root_pos=pose.root_pos + np.array([0.0, 0.3, 0.0]))
+        sequence = KeyframeSequence(runner.robot, pose, (aside, pose.at(2.0)), runner.timing)
+    else:
         sequence = KeyframeSequence.load(keyframes, runner.robot, timing=runner.timing)
     data.qpos[:] = sequence.start.qpos
     while (command := sequence.command(data.time)) is not None:

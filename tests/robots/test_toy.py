@@ -242,7 +242,8 @@ def test_it_is_exported(toy, tmp_path):
 
 
 def test_tools_that_are_for_the_g1_say_so(toy):
-    with pytest.raises(RobotError, match="robot 'toy': motions are generated for the joints of the G1 only"):
+    expected = "expected --motions with files of this robot, or empty"
+    with pytest.raises(RobotError, match=f"'toy': motions are generated for the joints of the G1 only, {expected}"):
         MotionLibrary.load(["generated:val@8"], toy)
     with pytest.raises(RobotError, match="robot 'toy': retargeting needs the bodies of the G1, and it lacks"):
         RobotGeometry.of(toy)

@@ -82,7 +82,10 @@ def generate_motions(
         raise MotionError(f"generated motions: no family {unknown}, expected some of {sorted({*known, *GROUPS})}")
     check_robot(robot)
     if robot.joint_names != G1.joint_names:
-        raise RobotError(f"robot {robot.name!r}: motions are generated for the joints of the G1 only")
+        raise RobotError(
+            f"robot {robot.name!r}: motions are generated for the joints of the G1 only, expected --motions with files "
+            "of this robot, or empty where --keyframes are enough"
+        )
     solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
     total = 0.0
