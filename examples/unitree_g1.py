@@ -27,6 +27,9 @@ from plat.errors import PlatError
 from plat.keyframes import KeyframeSequence
 
 JOINTS = 29
+# what a robot with 29 joints and the gears of g1_29dof_rev_1_0 says, and simulators that say nothing: others lock the
+# waist, have 23 joints, or other motors
+MACHINES = (5, 0)
 IMU_POS = (0.04525, 0.0, -0.08339)  # m, in the pelvis' frame: Unitree's description
 SILENCE = 0.2  # s without a state, by this computer's clock
 FIRST = 10.0  # s to the first states, before anything moves
@@ -110,6 +113,8 @@ def main(bundle: Path, keyframes: Path, interface: str | None = None, settings: 
             # Unitree's simulator in Python leaves the tick at 0
             now = 1e-3 * low.tick if low.tick else time.monotonic() - began
             machine = low.mode_machine
+            if machine not in MACHINES:
+                raise PlatError(f"the robot's mode_machine is {machine}, expected {MACHINES[0]}: policies know no other G1")
             command = controller.step(now, sensed(low))
             if command is None:
                 continue

@@ -2,15 +2,18 @@
 
 import json
 import os
+import runpy
 import socket
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from plat.errors import PlatError
 from plat.keyframes import KeyframeSequence, standing
 from plat.robots import G1
 
@@ -65,3 +68,20 @@ print(module["main"](Path(sys.argv[2]), Path(sys.argv[3]), "lo", SafetySettings(
     finally:
         ours.kill()
         theirs.kill()
+
+
+def test_another_g1_is_refused_before_anything_moves(shipped_bundle, tmp_path, monkeypatch):
+    pose, sent = standing(G1), []
+    KeyframeSequence(G1, pose, (pose.at(1.0),)).save(tmp_path / "stand.json")
+    monkeypatch.syspath_prepend(HERE / "stand_in")
+    main = runpy.run_path(str(ROOT / "examples" / "unitree_g1.py"))["main"]
+    robot = SimpleNamespace(
+        receive=lambda seconds: SimpleNamespace(tick=5, mode_machine=6),
+        send=lambda command, machine: sent.append((command, machine)),
+    )
+    main.__globals__["G1"] = lambda interface: robot
+    with pytest.raises(PlatError, match="mode_machine is 6, expected 5"):
+        main(shipped_bundle, tmp_path / "stand.json")
+    ((command, machine),) = sent
+    assert not command.stiffness.any()
+    assert machine == 6

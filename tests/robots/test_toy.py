@@ -242,7 +242,7 @@ def test_it_is_exported(toy, tmp_path):
 
 
 def test_tools_that_are_for_the_g1_say_so(toy):
-    expected = "expected --motions with files of this robot, or empty"
+    expected = "expected motion files of this robot"
     with pytest.raises(RobotError, match=f"'toy': motions are generated for the joints of the G1 only, {expected}"):
         MotionLibrary.load(["generated:val@8"], toy)
     with pytest.raises(RobotError, match="robot 'toy': retargeting needs the bodies of the G1, and it lacks"):

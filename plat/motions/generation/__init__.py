@@ -83,8 +83,8 @@ def generate_motions(
     check_robot(robot)
     if robot.joint_names != G1.joint_names:
         raise RobotError(
-            f"robot {robot.name!r}: motions are generated for the joints of the G1 only, expected --motions with files "
-            "of this robot, or empty where --keyframes are enough"
+            f"robot {robot.name!r}: motions are generated for the joints of the G1 only, expected motion files "
+            "of this robot (--motions), or none where --keyframes are enough"
         )
     solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
