@@ -114,7 +114,9 @@ def main(bundle: Path, keyframes: Path, interface: str | None = None, settings: 
             now = 1e-3 * low.tick if low.tick else time.monotonic() - began
             machine = low.mode_machine
             if machine not in MACHINES:
-                raise PlatError(f"the robot's mode_machine is {machine}, expected {MACHINES[0]}: policies know no other G1")
+                raise PlatError(
+                    f"the robot's mode_machine is {machine}, expected {MACHINES[0]}: policies know no other G1"
+                )
             command = controller.step(now, sensed(low))
             if command is None:
                 continue
