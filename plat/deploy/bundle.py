@@ -225,9 +225,10 @@ def _robot(content: _Object) -> RobotDescription:
         index = int(reversed_joints[0])
         low, high = joint_range[index]
         raise robot.fault(f"joint_range[{index}]", f"from {low:g} to {high:g}, expected lower before upper limit")
-    root_height = robot.value("root_height", float)
-    if root_height <= 0:
-        raise robot.fault("root_height", f"is {root_height:g}, expected a positive number of meters")
+    root_height, mass = robot.value("root_height", float), robot.optional("mass", float)
+    for field, value, unit in (("root_height", root_height, "meters"), ("mass", mass, "kilograms")):
+        if value is not None and value <= 0:
+            raise robot.fault(field, f"is {value:g}, expected a positive number of {unit}")
     return RobotDescription(
         name=robot.value("name", str),
         joint_names=joint_names,
@@ -243,6 +244,7 @@ def _robot(content: _Object) -> RobotDescription:
         # actions are computed back from targets, by division
         action_scale=robot.at_least_zero("action_scale", joints, or_zero=False),
         feet=_feet(robot, {body.name for body in bodies}),
+        mass=mass,  # bundles of version 0.2 and before do not say
     )
 
 

@@ -11,6 +11,8 @@ from plat.deploy.soles import SoleKinematics
 
 __all__ = ["ContactDetector", "ContactSettings"]
 
+# What a foot bears that stands (N), of a robot that weighs so much (kg): the G1.
+_FORCE, _MASS = 60.0, 33.34
 # Regularization of the force in a straight leg, whose Jacobian is singular (m).
 _DAMPING = 0.02
 
@@ -23,8 +25,8 @@ class ContactSettings(Bounded):
     """a point in contact is at most this much above the lowest one (m)"""
     speed: Positive = 0.25
     """and at most this much faster than the slowest one (m/s)"""
-    force: NonNegative = 60.0
-    """and its foot bears at least this, where torques are measured (N)"""
+    force: NonNegative | None = None
+    """and its foot bears at least this, where torques are measured (N); None: 60 N of a robot of 33 kg"""
     steps: NonNegative = 2
     """a point is in contact once this many updates in a row say so"""
 
@@ -45,6 +47,9 @@ class ContactDetector:
         soles = SoleKinematics(robot)
         self._foot, self._legs = soles.foot, soles.legs
         self._settings = settings
+        # a robot of another weight bears in proportion; a description of version 0.2 and before is of a G1
+        weighed = _FORCE if robot.mass is None else _FORCE * robot.mass / _MASS
+        self._force = weighed if settings.force is None else settings.force
         self.reset()
 
     def reset(self) -> None:
@@ -72,7 +77,7 @@ class ContactDetector:
         speed = np.linalg.norm(velocity_w, axis=1)
         touches = low & (speed <= speed[low].min() + limits.speed)
         if torque is not None:
-            touches &= self.forces(jacobian_w, torque)[self._foot] >= limits.force
+            touches &= self.forces(jacobian_w, torque)[self._foot] >= self._force
         self._streak = np.where(touches, self._streak + 1, 0)
         return self._streak >= limits.steps
 

@@ -62,6 +62,7 @@ class RobotDescription:
         keypoints: bodies whose positions a keyframe commands (K of them).
         bodies: the kinematic tree down to the keypoints, the root first and parents before children.
         feet: what the robot stands on; empty in bundles that do not say.
+        mass: of the whole robot (kg); None in bundles that do not say.
     """
 
     name: str
@@ -77,6 +78,7 @@ class RobotDescription:
     keypoints: tuple[str, ...]
     bodies: tuple[Body, ...]
     feet: tuple[Foot, ...] = ()
+    mass: float | None = None
 
     @property
     def default_qpos(self) -> NDArray[np.float64]:

@@ -51,6 +51,7 @@ def describe_robot(robot: Robot, control_dt: float) -> RobotDescription:
         keypoints=robot.keypoints,
         bodies=tuple(bodies),
         feet=_feet(robot, model),
+        mass=float(model.body_mass.sum()),
     )
 
 

@@ -44,6 +44,12 @@ def test_a_bundle_that_does_not_say_its_window(bundle):
     assert Bundle.from_json(json.dumps(content), "here").timing == Timing(window=3)
 
 
+def test_a_bundle_that_does_not_say_its_mass(bundle):
+    content = json.loads(bundle.to_json())
+    assert content["robot"].pop("mass") == pytest.approx(33.3, abs=0.1)
+    assert Bundle.from_json(json.dumps(content), "here").robot.mass is None
+
+
 def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
     text = bundle.to_json()
     assert '"default_joint_pos": [-0.312' in text
@@ -85,6 +91,8 @@ def test_lists_of_numbers_are_on_one_line_and_unchanged(bundle):
         ({"robot.root_height": -0.76}, "robot.root_height: is -0.76, expected a positive number of meters"),
         ({"robot.bodies.1.quat": [2.0, 0, 0, 0]}, r"robot.bodies\[1\].quat: has length 2, expected 1"),
         ({"robot.bodies.1.axis": [0, 0, 0]}, r"robot.bodies\[1\].axis: has length 0, expected 1"),
+        ({"robot.mass": 0}, "robot.mass: is 0, expected a positive number of kilograms"),
+        ({"robot.mass": "35"}, "robot.mass: is '35', expected a finite number"),
         ({"network_sha256": 5}, "network_sha256: is 5, expected a text"),
         ({"robot.damping": [float("nan")] * 29}, "robot.damping: expected finite numbers"),
         ({"robot.joint_names": ["a", "a"]}, "robot.joint_names: expected a list of different names"),

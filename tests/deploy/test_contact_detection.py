@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
+import pytest
 
 from plat.deploy import ContactDetector, ContactSettings, SoleKinematics
 from plat.robots import G1
@@ -29,6 +32,17 @@ def test_a_contact_must_last():
     assert [bool(detector(points, 0 * points, jacobian).all()) for _ in range(4)] == [False, False, True, True]
     detector.reset()
     assert not detector(points, 0 * points, jacobian).any()
+
+
+@pytest.mark.parametrize(("mass", "touches"), [(33.34, False), (None, False), (8.0, True)])
+def test_a_light_robot_bears_less(mass, touches):
+    """30 N are a swinging leg of a G1, and half the weight of a small robot."""
+    points, jacobian = standing()
+    detector = ContactDetector(replace(ROBOT, mass=mass), ContactSettings(steps=1))
+    torque = -np.sum([jacobian[rows, 2].mean(0) for rows in (slice(0, 4), slice(4, 8))], axis=0) * 30.0
+    np.testing.assert_allclose(detector.forces(jacobian, torque), 30.0, rtol=0.1)
+    assert detector(points, 0 * points, jacobian, torque).all() == touches
+    assert ContactDetector(ROBOT, ContactSettings(steps=1, force=20.0))(points, 0 * points, jacobian, torque).all()
 
 
 def test_forces_are_those_of_a_robot_that_stands():
