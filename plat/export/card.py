@@ -31,10 +31,11 @@ def model_card(bundle: Bundle, run: SavedRun, max_difference: float, files: Coll
         files: names of optional files of the bundle: ``scene.xml``, ``picture.png``.
     """
     robot, training = bundle.robot, bundle.training
+    pose = "pose, whole or in part" if "parts" in bundle.also else "whole-body pose"
     made_by = "an unknown recipe" if training.recipe is None else f"`plat {training.recipe}`"
     parts = [
         f"# {training.run}: timed keyframes on the {robot.name}",
-        f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future whole-body pose, at most "
+        f"A policy that takes a {robot.name} ({len(robot.joint_names)} joints) to one future {pose}, at most "
         f"{bundle.timing.longest:g} s ahead, and arrives on time. It asks for joint position targets "
         f"every {robot.control_dt:g} s.",
         *(["![The robot in its default pose](picture.png)"] if "picture.png" in files else []),

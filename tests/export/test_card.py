@@ -44,6 +44,12 @@ def test_says_what_it_is_and_where_it_comes_from(card):
         assert part in text
 
 
+def test_says_whether_keyframes_may_be_partial(run, bundle):
+    assert "to one future whole-body pose, at most" in model_card(bundle, run, 3e-7)
+    parts = dataclasses.replace(bundle, also=("parts", "clock"))
+    assert "to one future pose, whole or in part, at most" in model_card(parts, run, 3e-7)
+
+
 def test_a_table_of_scores(card):
     scores = (
         BundleScore("long", "tks", 99.5, 99.25, 99.75),
