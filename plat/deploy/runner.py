@@ -148,7 +148,8 @@ class PolicyRunner:
         """Compute the motor command for a time in seconds: joint targets with the gains that they were trained with."""
         steps_left = time_left / self.robot.control_dt if is_finite(time_left) else time_left
         target = self(state, keyframe, steps_left)
-        return JointCommand(target, self.robot.stiffness, self.robot.damping)
+        # copies: a program that softens the gains that it is given must not soften those of the next step
+        return JointCommand(target, self.robot.stiffness.copy(), self.robot.damping.copy())
 
     def _run(self, observation: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the network's output ``[J]``."""

@@ -50,6 +50,11 @@ def test_a_time_in_seconds_and_the_gains(bundle):
     np.testing.assert_array_equal(command.position, by_steps(state_at(now), SomePose(goal), 25))
     np.testing.assert_allclose(command.stiffness, G1.stiffness)
     np.testing.assert_allclose(command.damping, G1.damping)
+    for gains in command[1:]:
+        gains *= 0.5  # a careful program softens them, for this step
+    again = by_time.step(state_at(now), SomePose(goal), time_left=0.5)
+    np.testing.assert_allclose(again.stiffness, G1.stiffness)
+    np.testing.assert_allclose(again.damping, G1.damping)
 
 
 def test_a_clock_that_counts_down_meets_whole_steps(bundle, monkeypatch):

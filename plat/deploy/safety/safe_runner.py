@@ -191,7 +191,7 @@ class SafeRunner:
         target, reasons = self._limiter(self._target(now, good), good, dt)
         for piece, reason in reasons.items():
             self.journal.note(now, piece, reason)
-        return JointCommand(target, self._robot.stiffness, self._robot.damping)
+        return self._stiff(target)
 
     def _without_time(self, now: object) -> JointCommand:
         """Hold the last targets; damp where that goes on, for no watchdog and no stop sees anything meanwhile."""
@@ -256,7 +256,10 @@ class SafeRunner:
     def _held(self) -> JointCommand:
         if self.mode in ("wait", "damping"):
             return self.damped()
-        return JointCommand(self._limiter.last.copy(), self._robot.stiffness, self._robot.damping)
+        return self._stiff(self._limiter.last.copy())
+
+    def _stiff(self, target: NDArray[np.float64]) -> JointCommand:
+        return JointCommand(target, self._robot.stiffness.copy(), self._robot.damping.copy())
 
     def damped(self) -> JointCommand:
         """Return the command of damping mode; the mode stays what it is."""

@@ -7,7 +7,7 @@ import numpy as np
 from plat.bounds import is_finite, shown
 from plat.deploy.description import RobotDescription
 from plat.deploy.safety.settings import SafetySettings
-from plat.deploy.state import RobotState, state_widths
+from plat.deploy.state import Array, RobotState, state_widths
 from plat.rotations_np import UNIT_TOLERANCE
 
 __all__ = ["StateWatch"]
@@ -36,6 +36,7 @@ class StateWatch:
         """Last state that was believed."""
         self.good_time = -np.inf
         """Its time (s)."""
+        self._joint_pos: Array = np.empty(0)  # its own copy: programs may fill one state over and over
         self._newest = -np.inf
         self._values: bytes = b""
         self._equal = 0
@@ -50,8 +51,8 @@ class StateWatch:
             stamp: time of its measurement (s), by the same clock; None for ``now``.
         """
         reason = self._fault(now, state, now if stamp is None else stamp)
-        if reason is None:
-            self.good = state
+        if reason is None and state is not None:
+            self.good, self._joint_pos = state, state.joint_pos.copy()
         self._verdicts.append((now, reason is None))
         while self._verdicts and not 0 <= now - self._verdicts[0][0] <= _MEMORY:
             self._verdicts.popleft()
@@ -117,7 +118,7 @@ class StateWatch:
             if largest > most:
                 return f"{name} of {largest:.3g}, at most {most:g} is plausible"
         if self.good is not None and 0 < stamp - self.good_time < _MEMORY:
-            jump = float(np.abs(state.joint_pos - self.good.joint_pos).max())
+            jump = float(np.abs(state.joint_pos - self._joint_pos).max())
             if jump > limits.joint_speed * (stamp - self.good_time):
                 return f"a joint jumped by {jump:.3g} rad in {stamp - self.good_time:.3g} s"
         return None

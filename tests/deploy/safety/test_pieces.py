@@ -125,6 +125,12 @@ class TestWatch:
         verdicts, _ = self.check(good_state(), jumped)
         assert verdicts == [None, "a joint jumped by 1.3 rad in 0.02 s"]
 
+    def test_a_jump_in_a_state_that_is_filled_anew(self):
+        state, watch = good_state(), StateWatch(ROBOT)
+        assert watch.check(1.0, state) is None
+        state.joint_pos[3] += 1.3
+        assert watch.check(1.0 + DT, state) == "a joint jumped by 1.3 rad in 0.02 s"
+
     def test_no_state(self):
         assert self.check(None)[0] == ["no state"]
 

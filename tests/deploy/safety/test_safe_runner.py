@@ -10,6 +10,7 @@ from plat.deploy import PolicyRunner
 from plat.deploy.safety import SafeRunner, SafetySettings
 from plat.errors import PlatError, StateError
 from plat.keyframes import KeyframeQueue, KeyframeSequence, only, standing
+from plat.robots import G1
 from plat.rotations_np import quat_from_rotvec
 from plat.spec.timing import Timing
 from tests.deploy.safety.stand_ins import DT, ROBOT, Commands, StandIn, good_state
@@ -47,6 +48,19 @@ def test_from_the_ramp_to_standing():
     np.testing.assert_array_equal(robot.commands[-1].position, ROBOT.default_joint_pos)
     assert [entry.piece for entry in robot.runner.journal] == ["end"]
     assert all((command.stiffness == ROBOT.stiffness).all() for command in robot.commands)
+
+
+def test_a_program_that_softens_gains_softens_those_of_its_step():
+    runner = SafeRunner(StandIn(), Commands(), QUICK)
+    for step in range(20):
+        now = step * DT
+        command = runner.step(now, good_state(1e-3 * step) if step % 4 else None)
+        for gains in command[1:]:
+            gains *= 0.5
+    assert runner.mode == "run"
+    command = runner.step(20 * DT, good_state(0.02))
+    np.testing.assert_allclose(command.stiffness, G1.stiffness)
+    np.testing.assert_allclose(command.damping, G1.damping)
 
 
 def test_it_waits_for_a_state_with_damped_motors():
