@@ -47,7 +47,7 @@ class ContactDetector:
         soles = SoleKinematics(robot)
         self._foot, self._legs = soles.foot, soles.legs
         self._settings = settings
-        # a robot of another weight bears in proportion; a description of version 0.2 and before is of a G1
+        # others bear in proportion; a description of version 0.2 or before has no mass and is taken for that of a G1
         weighed = _FORCE if robot.mass is None else _FORCE * robot.mass / _MASS
         self._force = weighed if settings.force is None else settings.force
         self.reset()
