@@ -21,10 +21,14 @@ from plat.deploy.state import Array, Pose, RobotState, finite_vector
 from plat.errors import KeyframeError, PlatError
 from plat.json_file import short
 from plat.spec.timing import Timing
+from plat.words import counted
 
 __all__ = ["MotorPolicy", "SafeRunner"]
 
 Mode = Literal["wait", "ramp", "run", "end", "damping"]
+
+
+_TOO_FEW = 0.8  # share of the control steps of a second below which the policy is not run as it was trained
 
 
 class MotorPolicy(Protocol):
@@ -172,6 +176,9 @@ class SafeRunner:
         fault = self._watch.check(now, state, stamp)
         if fault is not None:
             self.journal.note(now, "watchdog", fault)
+        made, expected = self._watch.checks(now), round(1.0 / self._robot.control_dt)
+        if made is not None and made < _TOO_FEW * expected:
+            self.journal.note(now, "clock", f"{counted(made, 'control step')} in the last second, expected {expected}")
         if self.mode == "wait" and fault is None:
             self._begin(now)
         if self.mode in ("wait", "damping"):

@@ -40,6 +40,7 @@ class StateWatch:
         self._newest = -np.inf
         self._values: bytes = b""
         self._equal = 0
+        self._first = np.inf
         self._verdicts: deque[tuple[float, bool]] = deque()
 
     def check(self, now: float, state: RobotState | None, stamp: float | None = None) -> str | None:
@@ -53,6 +54,7 @@ class StateWatch:
         reason = self._fault(now, state, now if stamp is None else stamp)
         if reason is None and state is not None:
             self.good, self._joint_pos = state, state.joint_pos.copy()
+        self._first = min(self._first, now)
         self._verdicts.append((now, reason is None))
         while self._verdicts and not 0 <= now - self._verdicts[0][0] <= _MEMORY:
             self._verdicts.popleft()
@@ -64,6 +66,10 @@ class StateWatch:
         if len(self._verdicts) < 10:
             return 0.0
         return sum(not good for _, good in self._verdicts) / len(self._verdicts)
+
+    def checks(self, now: float) -> int | None:
+        """Return the number of states of the last second, believed or not; None before a second has passed."""
+        return len(self._verdicts) if now - self._first >= _MEMORY else None
 
     def age(self, now: float) -> float:
         """Return the seconds since the measurement of the last good state."""

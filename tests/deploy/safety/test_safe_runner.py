@@ -63,6 +63,18 @@ def test_a_program_that_softens_gains_softens_those_of_its_step():
     np.testing.assert_allclose(command.damping, G1.damping)
 
 
+@pytest.mark.parametrize(("period", "told"), [(1.0, 0), (1.1, 0), (1.5, 1), (3.0, 1)])
+def test_a_program_that_is_too_slow_is_told(period, told):
+    """The policy was trained at its own rate; at a lower one it acts late, and nothing else would say so."""
+    runner = SafeRunner(StandIn(), Commands(), SafetySettings(ramp=0.1, missing=1.0))
+    for step in range(150):
+        runner.step(step * period * DT, good_state(1e-4 * step))
+    assert runner.mode == "run"
+    assert [entry.piece for entry in runner.journal] == ["clock"] * told
+    if told:
+        assert next(iter(runner.journal)).reason.endswith("control steps in the last second, expected 50")
+
+
 def test_it_waits_for_a_state_with_damped_motors():
     robot = Robot(SafeRunner(StandIn(), Commands(), QUICK))
     assert robot.run(3, lambda state: None) == "wait"
