@@ -13,6 +13,7 @@ from plat.motions.formats.quaternion_order import QuatOrder
 from plat.motions.formats.spellings import (
     Column,
     classify_columns,
+    different_words,
     is_generic,
     stated_length,
     stating,
@@ -230,10 +231,10 @@ def _by_place(
         listed = [table.header[n] for n in columns[7:]]
         if any(kinds[n].kind == "joint" for n in columns[7:]):
             names = listed
-        elif all(map(is_generic, listed)) or _are_numbered(listed):
+        elif (all(map(is_generic, listed)) and not different_words(listed)) or _are_numbered(listed):
             notes.append("the header names no joints: the robot's order")
         else:
-            odd = sorted({name for name in listed if not is_generic(name)})
+            odd = sorted({name for name in listed if not is_generic(name)} | different_words(listed))
             raise MotionError(f"the header has the unknown {odd[:8]}, expected names of the robot's joints, or none")
     order = _order(table.header, columns[3:7])
     _refuse_empty(table, columns)

@@ -12,6 +12,7 @@ __all__ = [
     "SaidUnits",
     "array_meaning",
     "classify_columns",
+    "different_words",
     "is_generic",
     "is_time",
     "match_joint",
@@ -28,10 +29,10 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-# words that say no more than that a column is the position of a joint
+# words that say no more than that a column is the position of a joint, and what stands before Unitree's own names
 _NOISE = _words(
     "joint joints state states dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg "
-    "arm"
+    "arm k"
 )
 _ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link odom odometry pose")
 _DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
@@ -65,6 +66,8 @@ _UNITS = {*_ANGLE_UNITS, *_LENGTHS}
 _ANY_UNIT = re.compile(rf"(?<![a-z])({'|'.join(sorted(_UNITS, key=len, reverse=True))})(?![a-z]|\s*/)")
 # in a sentence: behind "in", a bracket or a sign
 _SAID = re.compile(rf"(?:\bin\s+|[\[(:=,]\s*){_ANY_UNIT.pattern}")
+# letters of a column's name in a spreadsheet
+_LONGEST_COLUMN = 2
 _UNIT_BEHIND = re.compile(rf"\s+\[({'|'.join(_UNITS)})\]$")
 # words that mean other things than units, where the line does not speak of units
 _OTHERWISE = _words("in foot feet")
@@ -128,6 +131,8 @@ def match_joint(name: str, robot: Robot) -> str | None:
     >>> from plat.robots import G1
     >>> [match_joint(name, G1) for name in ("LEFT_KNEE", "q_left_knee_joint", "RightHipPitch", "left_tail")]
     ['left_knee', 'left_knee', 'right_hip_pitch', None]
+    >>> match_joint("kLeftWristyaw", G1)
+    'left_wrist_yaw'
     """
     words = set(tokens(name))
     if words & _DERIVED:
@@ -136,7 +141,8 @@ def match_joint(name: str, robot: Robot) -> str | None:
     for wanted in (words, words - _NOISE, words - _NOISE - {"pitch"}):
         if joint := keys.get(frozenset(wanted)):
             return joint
-    return None
+    joined = "".join(word for word in tokens(name) if word not in _NOISE)
+    return next((joint for joint in robot.joint_names if "".join(tokens(joint)) == joined), None)
 
 
 def is_generic(name: str) -> bool:
@@ -147,6 +153,16 @@ def is_generic(name: str) -> bool:
     """
     name = _UNIT_BEHIND.sub("", name)
     return re.fullmatch(r"[a-z]*[\s_/.:\[(#-]*([a-z]|\d*(\.\d+)?)[\])]*", name.strip("\"' \t").lower()) is not None
+
+
+def different_words(names: Sequence[str]) -> set[str]:
+    """Return the names that are words without a number, where there are several: they name columns, and number none.
+
+    >>> different_words(["joint", "joint.1"]), sorted(different_words(["Huefte", "Knie", "AB", "q1"]))
+    (set(), ['Huefte', 'Knie'])
+    """
+    words = {name for name in names if name.isalpha() and len(name) > _LONGEST_COLUMN}
+    return words if len(words) > 1 else set()
 
 
 def stated_length(names: Sequence[str]) -> Units | None:

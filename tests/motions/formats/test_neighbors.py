@@ -173,6 +173,15 @@ RIGHT = {
     "hip_pitch_left": table(header=ROOT + spelled(side_last)),
     "l_hip_pitch": table(header=ROOT + [name.replace("left_", "l_").replace("right_", "r_") for name in JOINTS]),
     "breadth first, named": table(header=ROOT + ISAAC_ORDER, rows=qpos(listed(ISAAC_ORDER)(CONTENT))),
+    "kLeftHipPitch, in an order of its own": table(
+        header=ROOT + [f"k{''.join(part.capitalize() for part in name.split('_'))}" for name in JOINTS[::-1]],
+        rows=np.column_stack((ROWS[:, :7], ROWS[:, :6:-1])),
+    ),
+    "lefthippitch, in an order of its own": table(
+        header=ROOT + [name.replace("_", "") for name in JOINTS[::-1]],
+        rows=np.column_stack((ROWS[:, :7], ROWS[:, :6:-1])),
+    ),
+    "one word and numbers": table(header=["joint", *(f"joint.{n}" for n in range(1, 36))]),
     "root behind the joints": table(header=JOINTS + ROOT, rows=np.roll(ROWS, -7, 1)),
     "a title before the header": table(header=ROOT + JOINTS, before="Motion export 2.1\n"),
     "a row of units": table(
@@ -284,6 +293,10 @@ REFUSED = {
     "joints without a name": (
         table(rows=np.delete(ROWS, (20, 21), 1)),
         "row 1 has 34 columns, expected 36 .*, 30 without the wrists, or a header that names them",
+    ),
+    "words that are no joints": (
+        table(header=ROOT + [f"gelenk{chr(97 + n // 26)}{chr(97 + n % 26)}" for n in range(29)]),
+        r"the header has the unknown \['gelenkaa', .*expected names of the robot's joints, or none",
     ),
     "a joint that is missing": (
         table(header=ROOT + JOINTS[1:], rows=np.delete(ROWS, 7, 1)),
