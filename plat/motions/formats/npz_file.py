@@ -18,7 +18,7 @@ from plat.motions.formats.clock import contradicting_name, evenly_timed, stated_
 from plat.motions.formats.columns import is_pose
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
-from plat.motions.formats.joint_columns import is_root
+from plat.motions.formats.joint_columns import is_root, listed_joints, texts
 from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
 from plat.motions.formats.pace import rate_of_file
@@ -102,7 +102,7 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     if arrays.get("root_pos") is not None and "root_rot" in stored:
         arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
     notes = [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
-    names = strings(arrays.pop("joint_names"), "joint_names") if "joint_names" in arrays else None
+    names = _names(arrays, options)
     links = has_links(arrays, options.robot)
     if links and options.fps is None and not states_rate(arrays) and not stated_rates(path, []):
         arrays["fps"] = np.array(KIMODO_FPS)
@@ -121,6 +121,17 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     clips = [replace(clip, fps=fps) for clip in clips]
     clips = [evenly_timed(clip, times[0]) for clip in clips] if times else clips
     return replace(file, clips=clips, notes=(*notes, *told, *file.notes))
+
+
+def _names(arrays: dict[str, np.ndarray], options: ReadOptions) -> list[str] | None:
+    """Take the names of the joints out of the arrays; those of another array only where none is called so."""
+    if "joint_names" in arrays:
+        return strings(arrays.pop("joint_names"), "joint_names")
+    widths = {array.shape[-1] for array in arrays.values() if array.ndim > 1 and array.dtype.kind in "fiu"}
+    names = listed_joints(arrays, {count - off for count in widths for off in (0, 7)}, options.robot)
+    for name in [name for name, array in arrays.items() if names and texts(array) == names]:
+        del arrays[name]
+    return names
 
 
 def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> MotionFile:

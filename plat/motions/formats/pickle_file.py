@@ -31,6 +31,7 @@ from plat.motions.formats.common import (
 )
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
+from plat.motions.formats.joint_columns import listed_joints, texts
 from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
 from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
@@ -179,9 +180,11 @@ class _Motion:
         fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
+        if listed is None and joint_pos.ndim == 2:
+            listed = listed_joints(_unwrapped(fields), (joint_pos.shape[1],), options.robot)
         names = None if listed is None else strings(listed, "joint_names")
         rates = _rates(path, fields) if options.fps is None else [(options.fps, STATED)]
-        plain = {name: _unwrap(value) for name, value in fields.items()} if options.fps is None else {}
+        plain = _unwrapped(fields) if options.fps is None else {}
         times = [*times_of_fields(plain).values()][:1]
         order = options.quat_order or usual
         return cls(path, name, root_pos, root_quat, joint_pos, names, rates, times, order, options)
@@ -310,7 +313,8 @@ def _count(value: Any) -> int:
 
 def _with_what_holds_for_all(content: dict[Any, Any]) -> dict[Any, Any]:
     """Return the motions of a file by name, each with the rate and the names of joints that stand beside them."""
-    names = [name for name in _NAMES if name in content and not isinstance(content[name], dict)]
+    names = [name for name, value in content.items() if name in _NAMES or texts(_unwrap(value))]
+    names = [name for name in names if not isinstance(content[name], dict)]
     beside = {name for name, value in content.items() if name in names or _is_single(value)}
     motions = {name: value for name, value in content.items() if name not in beside}
     if not motions or not all(isinstance(fields, dict) for fields in motions.values()):
@@ -363,7 +367,7 @@ def _is_single(value: Any) -> bool:
 
 
 def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
-    rates = rates_of_fields({name: _unwrap(value) for name, value in fields.items()})
+    rates = rates_of_fields(_unwrapped(fields))
     rates = rates or distinct_rates(stated_rates(path, []))
     if not rates:
         raise MotionError("no field 'fps', expected the frames a second (or state them: plat motions convert --fps)")
@@ -397,3 +401,12 @@ def _rows(listed: list[Any]) -> np.ndarray | None:
 
 def _unwrap(value: Any) -> Any:
     return value.value if isinstance(value, PickledArray) else value
+
+
+def _unwrapped(fields: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return fields with arrays for what stands for them, also in dictionaries among them."""
+    plain = {name: _unwrap(value) for name, value in fields.items()}
+    return {
+        name: {key: _unwrap(part) for key, part in value.items()} if isinstance(value, dict) else value
+        for name, value in plain.items()
+    }

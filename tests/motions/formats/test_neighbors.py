@@ -20,6 +20,7 @@ CONTENT = content(CLIP)
 ROWS, XYZW = qpos(CONTENT), qpos(xyzw(CONTENT))
 JOINTS = list(G1.joint_names)
 ROOT = ["root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz"]
+LINKS = [f"{name}_link" for name in JOINTS[::-1]]
 COUNT = np.arange(len(ROWS))
 FIELDS = {"fps": 50, "root_pos": ROWS[:, :3], "root_rot": XYZW[:, 3:7], "dof_pos": ROWS[:, 7:]}
 
@@ -284,6 +285,20 @@ RIGHT = {
     "joint_order in a pickle": pkl(
         {**FIELDS, "dof_pos": qpos(listed(ISAAC_ORDER)(CONTENT))[:, 7:], "joint_order": ISAAC_ORDER}
     ),
+    "actuated_joints in a pickle": pkl({**FIELDS, "dof_pos": ROWS[:, :6:-1], "actuated_joints": tuple(JOINTS[::-1])}),
+    "names in the metadata of a pickle": pkl(
+        {**FIELDS, "dof_pos": ROWS[:, :6:-1], "meta": {"dofs": np.array(JOINTS[::-1]), "body_names": JOINTS}}
+    ),
+    "names of all motions of a pickle": pkl(
+        {"joints_list": JOINTS[::-1], "tags": ["a"], "walk": {**FIELDS, "dof_pos": ROWS[:, :6:-1]}}
+    ),
+    "motor_names in an archive": npz(**{**FIELDS, "dof_pos": ROWS[:, :6:-1]}, motor_names=JOINTS[::-1]),
+    "joints_list of qpos in an archive": npz(
+        qpos=np.column_stack((ROWS[:, :7], ROWS[:, :6:-1])), fps=50, joints_list=["root", *JOINTS[::-1]]
+    ),
+    "links for joints": pkl(
+        {**FIELDS, "dof_pos": ROWS[:, :6:-1], "dof_names": [name.replace("waist_pitch", "torso") for name in LINKS]}
+    ),
     "a column for each joint in a pickle": pkl({**FIELDS, "dof_pos": ROWS[:, 7:, None]}),
     "npy": npy(ROWS),
     "npy of a dictionary": npy(FIELDS, "walk.npy"),
@@ -297,6 +312,10 @@ REFUSED = {
     "words that are no joints": (
         table(header=ROOT + [f"gelenk{chr(97 + n // 26)}{chr(97 + n % 26)}" for n in range(29)]),
         r"the header has the unknown \['gelenkaa', .*expected names of the robot's joints, or none",
+    ),
+    "two orders of the joints": (
+        pkl({**FIELDS, "robot_joints": JOINTS, "policy_joints": JOINTS[::-1]}),
+        "'robot_joints' and 'policy_joints' list joints in different orders; name the right one 'joint_names'",
     ),
     "a joint that is missing": (
         table(header=ROOT + JOINTS[1:], rows=np.delete(ROWS, 7, 1)),
