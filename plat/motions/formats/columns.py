@@ -27,7 +27,7 @@ from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 from plat.words import counted
 
-__all__ = ["TableColumns", "is_pose", "split_columns"]
+__all__ = ["TableColumns", "is_pose", "place_first", "split_columns"]
 
 # Nobody turns so far from frame to frame in a quarter of all frames (rad).
 _FASTEST_TURN = 0.15
@@ -218,9 +218,12 @@ def _by_place(
     if not table.header and joints == 2 * sizes[0] + 6:
         values, columns, joints = values[:, : 7 + sizes[0]], columns[: 7 + sizes[0]], sizes[0]
         notes.append(f"the last {sizes[0] + 6} columns left out (velocities)")
-    if not table.header and joints == sizes[0] + 7 and is_pose(values[:, -7:]):
+    if not table.header and joints == sizes[0] + 7 and is_pose(place_first(values[:, -7:])[0]):
         values, columns, joints = values[:, :-7], columns[:-7], sizes[0]
         notes.append("the last 7 columns left out (an object)")
+    if not table.header and joints in sizes:
+        values, told = place_first(values)
+        notes += told
     if joints not in sizes:
         raise MotionError(
             f"row 1 has {counted(table.values.shape[1], 'column')}, expected {7 + sizes[0]} "
@@ -350,9 +353,22 @@ def _axes(kinds: Sequence[Column], columns: list[int], axes: str) -> list[int]:
     return [found[axis] for axis in axes] if len(columns) == len(axes) == len(found) and set(found) == set(axes) else []
 
 
+def place_first(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return columns that begin with a pose with its place before its quaternion, and a note if they had it behind.
+
+    So Drake lists them, and with it the data set of OmniRetarget.
+
+    >>> place_first(np.array([[1.0, 0, 0, 0, 2, 3, 0.7, 5]]))
+    (array([[2. , 3. , 0.7, 1. , 0. , 0. , 0. , 5. ]]), ["the root's quaternion before its place"])
+    """
+    if is_pose(values[:, :7]) or not is_pose(values[:, [4, 5, 6, 0, 1, 2, 3]]):
+        return values, []
+    return values[:, [4, 5, 6, 0, 1, 2, 3, *range(7, values.shape[1])]], ["the root's quaternion before its place"]
+
+
 def is_pose(values: np.ndarray) -> bool:
     """Return whether seven columns are a place and a unit quaternion."""
-    return bool(np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() < 0.01)
+    return bool(np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max(initial=0.0) < 0.01)
 
 
 def _even(values: np.ndarray) -> bool:

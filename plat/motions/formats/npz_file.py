@@ -15,7 +15,7 @@ from plat.json_file import parse_json, read_json, short
 from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
 from plat.motions.formats.clock import contradicting_name, evenly_timed, stated_rates, times_of_fields
-from plat.motions.formats.columns import is_pose
+from plat.motions.formats.columns import is_pose, place_first
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root, listed_joints, texts
@@ -324,7 +324,7 @@ def _clip(
     notes = []
     of_robot = names is None or len(names) <= robot.num_joints + 1
     if qpos.ndim == 2 and qpos.shape[1] == beside and qpos.dtype.kind in "fiu" and of_robot:
-        if not (is_pose(qpos[:, full:]) or (qpos[:, full:] == qpos[0, full:]).all()):
+        if not (is_pose(place_first(qpos[:, full:])[0]) or (qpos[:, full:] == qpos[0, full:]).all()):
             # such as a hand, whose joints may stand among the robot's
             raise MotionError(
                 f"{field!r} has {beside} columns and the last {_BESIDE} are no pose of an object (place and unit "
@@ -335,6 +335,9 @@ def _clip(
     if qpos.ndim != 2 or qpos.dtype.kind not in "fiu" or qpos.shape[1] not in _widths(names, options):
         MotionClip(field, qpos, fps).checked(robot)  # says what is wrong
     joint_pos, more = arrange_joints(qpos[:, 7:], names, robot, field)
+    if not marked:
+        qpos, told = place_first(qpos)
+        notes += told
 
     def read(joints: np.ndarray, order: QuatOrder, doubts: Sequence[str] = ()) -> MotionClip:
         told = (*doubts, *notes, *more)

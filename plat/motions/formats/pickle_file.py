@@ -20,6 +20,7 @@ from plat.motions.formats.clock import (
     stated_rates,
     times_of_fields,
 )
+from plat.motions.formats.columns import place_first
 from plat.motions.formats.common import (
     OTHER_ORDER,
     MotionFile,
@@ -281,7 +282,8 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
 def _with_parts(fields: dict[str, Any]) -> tuple[dict[str, Any], QuatOrder]:
     """Return the fields of a motion with ``qpos`` taken apart, and the order that its quaternion usually has."""
     qpos = _array(fields, ("qpos",)) if isinstance(fields.get("qpos"), list) else _unwrap(fields.get("qpos"))
-    if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7:
+    if isinstance(qpos, np.ndarray) and qpos.ndim == 2 and qpos.shape[1] > 7 and qpos.dtype.kind in "fiu":
+        qpos, _ = place_first(qpos)
         parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, 3:7], "dof_pos": qpos[:, 7:]}
         return {**fields, **parts}, "wxyz"
     if _FRAMES in fields and not any(name in fields for name in _JOINT_POS):

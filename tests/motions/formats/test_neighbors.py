@@ -21,6 +21,8 @@ ROWS, XYZW = qpos(CONTENT), qpos(xyzw(CONTENT))
 JOINTS = list(G1.joint_names)
 ROOT = ["root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz"]
 LINKS = [f"{name}_link" for name in JOINTS[::-1]]
+QUAT_FIRST = ROWS[:, [3, 4, 5, 6, 0, 1, 2, *range(7, 36)]]
+OBJECT = np.tile([0.6, 0, 0, 0.8, 1, 0, 0.5], (len(ROWS), 1))
 COUNT = np.arange(len(ROWS))
 FIELDS = {"fps": 50, "root_pos": ROWS[:, :3], "root_rot": XYZW[:, 3:7], "dof_pos": ROWS[:, 7:]}
 
@@ -263,6 +265,13 @@ RIGHT = {
         dof_names=JOINTS,
     ),
     "one of a batch": npz(qpos=ROWS[None], fps=50),
+    "the quaternion first, as OmniRetarget has it": npz(qpos=QUAT_FIRST, fps=50),
+    "the quaternion first, of the object as well": npz(qpos=np.column_stack((QUAT_FIRST, OBJECT)), fps=50),
+    "the quaternion first in a table": table(rows=QUAT_FIRST),
+    "the quaternion first, xyzw, and an object in a table": table(
+        rows=np.column_stack((QUAT_FIRST[:, [1, 2, 3, 0, *range(4, 36)]], OBJECT))
+    ),
+    "the quaternion first in a pickle": pkl({"qpos": QUAT_FIRST, "fps": 50}),
     "degrees in an archive": npz(clip=degrees(), fps=50),
     "fields of GMR in an archive": npz(**FIELDS),
     "root_quat and joint_pos": npz(root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50),
