@@ -44,6 +44,8 @@ _SECONDS, _NANOSECONDS = {"sec", "secs"}, {"nsec", "nsecs", "nanosec", "nanosecs
 _OF_WALLS = {"wall", "system", "host", "recv", "received", "receive", "log", "rosbag"}
 # share of the steps of a count that are its usual one, whatever the column is called
 _MOST = 0.8
+# columns that may stand before the root: a counter, the time
+_MOST_BEFORE = 2
 # words of what may stand for the root, and beside it is none
 _NEAR_ROOT = {"torso", "trunk", "odom", "odometry"}
 # words that only Euler angles have in their names
@@ -103,6 +105,10 @@ def split_columns(table: Table, robot: Robot) -> TableColumns:
     if place and turn and len(joints) > len(robot.joint_names) // 2:
         rest = [n for n in left_out if n not in (*place, *turn, *joints)]
         return _by_name(table, kinds, place, turn, joints, rest, times, robot)
+    root = [*place, *_as_listed(kinds, turn)] if place and len(turn) == 4 else []
+    at = left_out.index(root[0]) if root else 0
+    if left_out[at : at + len(root)] != root or at > _MOST_BEFORE:
+        left_out = [*root, *(n for n in left_out if n not in root)]
     return _by_place(table, kinds, [n for n in left_out if not kinds or kinds[n].kind != "derived"], times, robot)
 
 
@@ -130,11 +136,9 @@ def _by_name(
         shown = ", ".join(repr(table.header[n]) for n in rest[:3])
         notes.append(f"{counted(len(rest), 'column')} left out ({shown}{', ...' if len(rest) > 3 else ''})")
     seed = {word for n in (*place, *turn) for word in tokens(table.header[n])} >= _SEED
-    listed = "".join(kinds[n].part for n in sorted(turn))
-    if listed in ("wxyz", "xyzw"):
-        quat, order = values[:, sorted(turn)], listed
-    elif len(turn) == 4:
-        quat, order = values[:, turn], "wxyz"
+    if len(turn) == 4:
+        turn = _as_listed(kinds, turn)
+        quat, order = values[:, turn], "".join(kinds[n].part for n in turn)
     else:
         named = seed or any(set(tokens(table.header[n])) & _NAMED_ANGLES for n in turn)
         turns = _turns(values[:, turn], stating([table.header[n] for n in turn], said.root), seed, named)
@@ -206,7 +210,7 @@ def _by_place(
     sizes = (robot.num_joints, len(without_wrists(robot)))
     joints = values.shape[1] - 7
     usual = (*sizes, 2 * sizes[0] + 6)  # with velocities
-    for before in (1, 2):
+    for before in range(1, _MOST_BEFORE + 1):
         if joints not in usual and joints - before in usual and all(_even(values[:, n]) for n in range(before)):
             # first columns that go on evenly and are no coordinates: a counter, or the time
             first, values = values[:, :before], values[:, before:]
@@ -222,11 +226,13 @@ def _by_place(
         values, columns, joints = values[:, :-7], columns[:-7], sizes[0]
         notes.append("the last 7 columns left out (an object)")
     if not table.header and joints in sizes:
-        values, told = place_first(values)
-        notes += told
+        values, found = place_first(values)
+        notes += found
     if joints not in sizes:
+        all_columns, left = table.values.shape[1], values.shape[1]
+        told = f", {left} without counts, times and what is derived" if left < all_columns else ""
         raise MotionError(
-            f"row 1 has {counted(table.values.shape[1], 'column')}, expected {7 + sizes[0]} "
+            f"row 1 has {counted(all_columns, 'column')}{told}, expected {7 + sizes[0]} "
             f"(root xyz, quaternion, joints), {7 + sizes[1]} without the wrists, or a header that names them"
         )
     names = None
@@ -248,8 +254,8 @@ def _by_place(
         [name for name in listed if joints == robot.num_joints or "wrist" not in name]
         for listed in (robot.joint_names, *usual_orders(robot).values())
     ]
-    angles, told = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
-    notes += told
+    angles, found = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
+    notes += found
     return TableColumns(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
 
 
@@ -364,6 +370,11 @@ def place_first(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     if is_pose(values[:, :7]) or not is_pose(values[:, [4, 5, 6, 0, 1, 2, 3]]):
         return values, []
     return values[:, [4, 5, 6, 0, 1, 2, 3, *range(7, values.shape[1])]], ["the root's quaternion before its place"]
+
+
+def _as_listed(kinds: Sequence[Column], turn: list[int]) -> list[int]:
+    """Return the columns of a quaternion as the table has them, if that is ``wxyz`` or ``xyzw``; else as ``wxyz``."""
+    return sorted(turn) if "".join(kinds[n].part for n in sorted(turn)) in ("wxyz", "xyzw") else turn
 
 
 def is_pose(values: np.ndarray) -> bool:

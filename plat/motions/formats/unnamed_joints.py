@@ -65,7 +65,7 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
     radians = np.deg2rad(angles) if np.abs(angles).max(initial=0.0) > _WIDEST else angles
     order, _ = likely_order_of_some(radians, robot, (cut, small))
     cut, small = ([name for name in order if name in kind] for kind in (cut, small))
-    evidence = _unlikeliness(angles, cut, robot) - _unlikeliness(angles, small, robot)
+    evidence = _unlikeliness(radians, cut, robot) - _unlikeliness(radians, small, robot)
     if _DOUBTFUL < evidence < _UNLIKELY:
         raise JointOrderError(
             f"{field!r} has {len(cut)} joints without names: the {len(whole)} without wrists, or those of the G1 of "

@@ -184,6 +184,13 @@ RIGHT = {
         header=ROOT + [name.replace("_", "") for name in JOINTS[::-1]],
         rows=np.column_stack((ROWS[:, :7], ROWS[:, :6:-1])),
     ),
+    "a root of other axes before joints without names": table(
+        header=[*(ROOT[n] for n in (0, 2, 1, 4, 5, 3, 6)), *(f"joint_{n}" for n in range(29))],
+        rows=ROWS[:, [0, 2, 1, 4, 5, 3, *range(6, 36)]],
+    ),
+    "a root behind joints without names": table(
+        header=[*(f"joint_{n}" for n in range(29)), *ROOT], rows=np.roll(ROWS, -7, 1)
+    ),
     "one word and numbers": table(header=["joint", *(f"joint.{n}" for n in range(1, 36))]),
     "root behind the joints": table(header=JOINTS + ROOT, rows=np.roll(ROWS, -7, 1)),
     "a title before the header": table(header=ROOT + JOINTS, before="Motion export 2.1\n"),
@@ -314,6 +321,13 @@ RIGHT = {
 }
 
 REFUSED = {
+    "columns beside joints without names": (
+        table(
+            header=["frame", "label", *ROOT, *(f"joint_{n}" for n in range(29)), "tag"],
+            rows=np.column_stack((COUNT, 0 * COUNT, ROWS, 0 * COUNT)),
+        ),
+        "row 1 has 39 columns, 38 without counts, times and what is derived, expected 36 .*, or a header that names",
+    ),
     "joints without a name": (
         table(rows=np.delete(ROWS, (20, 21), 1)),
         "row 1 has 34 columns, expected 36 .*, 30 without the wrists, or a header that names them",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import read_motion_files
+from plat.motions import load_motions, read_motion_files
 from plat.motions.formats.joint_orders import usual_orders
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots import G1
@@ -71,8 +71,6 @@ def test_poses_that_tell_nothing_are_refused():
 
 
 def test_real_motions_of_both_robots(shared_data):
-    from plat.motions import load_motions
-
     clips = load_motions(shared_data / "motions" / "bandai_val.npz")
     wrong = refused = 0
     for clip in clips:
@@ -83,3 +81,18 @@ def test_real_motions_of_both_robots(shared_data):
                 refused += 1
     assert wrong == 0
     assert refused < 0.12 * 2 * len(clips)
+
+
+def test_degrees_tell_what_radians_tell(shared_data):
+    """In degrees, raised arms were the smaller G1's."""
+    for clip in load_motions(shared_data / "motions" / "bandai_val.npz")[::8]:
+        for names in (CUT, SMALL):
+            radians = columns(names, clip.qpos[:, 7:].astype(np.float64))
+            assert told(np.rad2deg(radians)) == told(radians)
+
+
+def told(joints: np.ndarray) -> list[str] | None:
+    try:
+        return unnamed_joints(joints, G1, "joints")
+    except MotionError:
+        return None
