@@ -11,7 +11,7 @@ from plat.motions.checks.feet import Soles, lowest_step
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
 from plat.motions.formats.joint_orders import JointOrderError, breadth_first, in_robot_order, likely_order
-from plat.motions.formats.units import angles_in_radians
+from plat.motions.formats.units import angles_in_radians, roughly_in_radians
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
@@ -133,7 +133,7 @@ def settle_joint_order(
     robot = options.robot
     if not np.isfinite(joints).all():
         return list(robot.joint_names), []  # the clip's check tells where
-    found = likely_order(angles_in_radians(joints, robot).values, robot)
+    found = likely_order(roughly_in_radians(joints), robot)
     listed, notes = found or _settle_depth(joints, read, options, quat_order)
     if not _exchanged(in_robot_order(joints, listed, robot), robot):
         return listed, notes

@@ -23,6 +23,7 @@ __all__ = [
     "leg_height",
     "must_be_radians",
     "place_in_meters",
+    "roughly_in_radians",
     "unit_quaternions",
 ]
 
@@ -121,7 +122,8 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
     odd = many | (np.abs(turned.values) > _WIDEST).any(1)
     if len(odd) == 0 or odd.mean() <= _SHARE:
         return turned  # the checks tell of single frames
-    radians = np.deg2rad(joint_pos)
+    within = _turned_back(np.deg2rad(joint_pos), robot)
+    radians = within.values
     if np.maximum(low - radians, radians - high).max() > _LIMIT_SLACK:
         if largest <= _WIDEST:
             return Converted(joint_pos)  # the checks tell how far beyond the limits
@@ -131,7 +133,17 @@ def angles_in_radians(joint_pos: np.ndarray, robot: Robot) -> Converted:
         raise MotionError(
             "'joint angles' has steps of about 6.28 beyond the joints' limits, expected radians within them"
         )
-    return Converted(radians, ("joint angles in degrees",))
+    return Converted(radians, ("joint angles in degrees", *within.notes))
+
+
+def roughly_in_radians(angles: np.ndarray) -> np.ndarray:
+    """Return angles ``[T, n]`` of joints in any order in radians, from -pi to pi.
+
+    They are in degrees where in most frames some value is wider than any joint turns in radians.
+    """
+    degrees = len(angles) > 0 and (np.abs(angles) > _WIDEST).any(1).mean() > _SHARE
+    radians = np.deg2rad(angles) if degrees else angles
+    return (radians + np.pi) % (2 * np.pi) - np.pi
 
 
 def _turned_back(joint_pos: np.ndarray, robot: Robot) -> Converted:

@@ -6,6 +6,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.motions.formats.joint_orders import JointOrderError, likely_order_of_some
+from plat.motions.formats.units import roughly_in_radians
 from plat.robots.robot import Robot, without_side
 from plat.words import counted
 
@@ -26,8 +27,6 @@ _USUAL = {
     "wrist_roll": (0.0, 0.30),
 }
 _BEYOND = 20.0
-# Wider than any joint turns in radians.
-_WIDEST = 4 * np.pi
 # By how much less likely the larger robot's order has to be for the smaller one's to be it, and how much is no doubt of
 # the larger one's. Of 2,750 clips in both orders 5 were mistaken for the other; between the figures it is not to be
 # told, which concerned one in eleven.
@@ -62,7 +61,7 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
         )
     if len(small) != len(cut):
         return cut
-    radians = np.deg2rad(angles) if np.abs(angles).max(initial=0.0) > _WIDEST else angles
+    radians = roughly_in_radians(angles)
     order, _ = likely_order_of_some(radians, robot, (cut, small))
     cut, small = ([name for name in order if name in kind] for kind in (cut, small))
     evidence = _unlikeliness(radians, cut, robot) - _unlikeliness(radians, small, robot)

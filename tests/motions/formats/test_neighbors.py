@@ -279,6 +279,12 @@ RIGHT = {
         rows=np.column_stack((QUAT_FIRST[:, [1, 2, 3, 0, *range(4, 36)]], OBJECT))
     ),
     "the quaternion first in a pickle": pkl({"qpos": QUAT_FIRST, "fps": 50}),
+    "degrees in a table of another order": table(rows=degrees(qpos(listed(sorted(JOINTS))(CONTENT)))),
+    "degrees in an archive of another order": npz(clip=degrees(qpos(listed(sorted(JOINTS))(CONTENT))), fps=50),
+    "degrees in a pickle of another order": pkl(
+        {**FIELDS, "dof_pos": degrees(qpos(listed(sorted(JOINTS))(CONTENT)))[:, 7:]}
+    ),
+    "degrees from 0 to 360": table(rows=np.column_stack((ROWS[:, :7], degrees()[:, 7:] % 360))),
     "degrees in an archive": npz(clip=degrees(), fps=50),
     "fields of GMR in an archive": npz(**FIELDS),
     "root_quat and joint_pos": npz(root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50),

@@ -91,6 +91,13 @@ def test_degrees_tell_what_radians_tell(shared_data):
             assert told(np.rad2deg(radians)) == told(radians)
 
 
+@pytest.mark.parametrize("kind", [CUT, SMALL], ids=["without wrists", "smaller G1"])
+def test_a_broken_frame_makes_no_degrees_of_23_joints(kind):
+    joints = columns(kind).copy()
+    joints[20] = 50.0
+    assert unnamed_joints(joints, G1, "joints") == kind
+
+
 def told(joints: np.ndarray) -> list[str] | None:
     try:
         return unnamed_joints(joints, G1, "joints")
