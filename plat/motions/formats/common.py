@@ -219,9 +219,11 @@ def check_rate(fps: float) -> None:
 
 
 def number(value: Any, field: str) -> float:
-    """Return a number from a scalar or an array that holds one."""
+    """Return a number from a scalar, or an array or list that holds one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
+    if isinstance(value, (list, tuple)) and len(value) == 1:
+        value = value[0]
     if isinstance(value, (str, bytes)):
         with contextlib.suppress(ValueError):
             value = float(value)

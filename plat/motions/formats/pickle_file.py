@@ -315,6 +315,10 @@ def _count(value: Any) -> int:
 
 def _with_what_holds_for_all(content: dict[Any, Any]) -> dict[Any, Any]:
     """Return the motions of a file by name, each with the rate and the names of joints that stand beside them."""
+    if not all(map(_is_about, content.values())):
+        about = {name: value for name, value in content.items() if _is_about(value)}
+        content = {name: value for name, value in content.items() if name not in about}
+        content |= {name: part for value in about.values() for name, part in value.items() if name not in content}
     names = [name for name, value in content.items() if name in _NAMES or texts(_unwrap(value))]
     names = [name for name in names if not isinstance(content[name], dict)]
     beside = {name for name, value in content.items() if name in names or _is_single(value)}
@@ -349,9 +353,8 @@ def _ungrouped(content: dict[Any, Any], stem: str) -> dict[Any, Any]:
         raise MotionError(f"it names more than {_MOST_GROUPED} motions")
     found: dict[Any, Any] = {}
     for name, value in content.items():
-        about = isinstance(value, dict) and all(map(_is_single, value.values()))
         if name not in groups:
-            found |= value if about else {name: value}
+            found |= value if _is_about(value) else {name: value}
     labels, grouped = [], []
     for group, motions in groups.items():
         for name, fields in motions.items():
@@ -362,9 +365,14 @@ def _ungrouped(content: dict[Any, Any], stem: str) -> dict[Any, Any]:
     return found | dict(zip(apart, grouped, strict=True))
 
 
+def _is_about(value: Any) -> bool:
+    """Return whether a value is a dictionary of single numbers and of texts, and no motion."""
+    return isinstance(value, dict) and all(_is_single(part) or bool(texts(_unwrap(part))) for part in value.values())
+
+
 def _is_single(value: Any) -> bool:
-    """Return whether a value is one number or text."""
-    value = _unwrap(value)
+    """Return whether a value is one number or text, or a list of it."""
+    value = _unwrap(value[0] if isinstance(value, list) and len(value) == 1 else value)
     return value.size == 1 if isinstance(value, np.ndarray) else isinstance(value, (str, int, float, type(None)))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from plat.errors import MotionError
+from plat.json_file import short
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.joint_orders import in_robot_order, usual_orders
@@ -172,7 +173,12 @@ def _root(
     if "root_pos" in arrays and "root_quat" in arrays:
         return arrays["root_pos"], arrays["root_quat"], joint_pos, ("root_pos", "root_quat")
     for name, width in (("body_pos_w", 3), ("body_quat_w", 4)):
-        shape = arrays[name].shape if name in arrays else ()
+        if name not in arrays:
+            raise MotionError(
+                f"no array {name!r} with the root in it, and no 'root_pos' with 'root_quat', because 'joint_pos' has "
+                f"{joint_pos.shape[1]} columns and not {whole}; it has {', '.join(map(short, list(arrays)[:12]))}"
+            )
+        shape = arrays[name].shape
         if len(shape) != 3 or shape[0] != len(joint_pos) or shape[1] < 1 or shape[2] != width:
             raise MotionError(
                 f"array {name!r} has shape {shape}, expected ({len(joint_pos)}, bodies, {width}) with the root in "

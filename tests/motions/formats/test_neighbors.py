@@ -286,6 +286,10 @@ RIGHT = {
     ),
     "degrees from 0 to 360": table(rows=np.column_stack((ROWS[:, :7], degrees()[:, 7:] % 360))),
     "degrees in an archive": npz(clip=degrees(), fps=50),
+    "base_frame_pos and base_frame_wxyz": npz(
+        base_frame_pos=ROWS[:, :3], base_frame_wxyz=ROWS[:, 3:7], joint_angles=ROWS[:, 7:], fps=50
+    ),
+    "a list with the rate in a pickle": pkl({**FIELDS, "fps": [50]}),
     "fields of GMR in an archive": npz(**FIELDS),
     "root_quat and joint_pos": npz(root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50),
     "base_pos and base_quat": npz(

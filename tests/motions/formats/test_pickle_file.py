@@ -43,6 +43,8 @@ def test_no_frames_are_one_line(tmp_path):
         (lambda fields: {"data": {"motion": fields}}, ["bow"]),
         (lambda fields: {"a": {"b_c": fields}, "a_b": {"c": fields}}, ["a_b_c", "a_b_c_2"]),
         (lambda fields: {"meta": {"fps": 50, "by": "me"}, "motions": {"walk": without_rate(fields)}}, ["walk"]),
+        (lambda fields: {"info": {"fps": 50, "tags": ["a"]}, "motions": {"walk": without_rate(fields)}}, ["walk"]),
+        (lambda fields: {"motion": without_rate(fields), "meta": {"fps": [50], "robot": "g1"}}, ["motion"]),
     ],
 )
 def test_motions_in_groups(tmp_path, shape, names):
