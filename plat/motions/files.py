@@ -27,6 +27,7 @@ from plat.motions.formats.clock import contradicting_name
 from plat.motions.formats.comment_rate import without_steps
 from plat.motions.formats.csv_file import clip_in_csv
 from plat.motions.formats.foreign import refuse_foreign
+from plat.motions.formats.manifest import manifest_above
 from plat.motions.formats.pace import UnfitRateError
 from plat.motions.formats.rate import without_rates
 from plat.motions.formats.sonic import is_part_of_sonic, sonic_parts
@@ -94,7 +95,8 @@ def read_along(path: Path) -> list[Path]:
     if ending == ".amc":
         return skeletons_beside(path)
     if ending == ".npz":
-        beside = [path.with_name("meta.json")]
+        above = manifest_above(path)
+        beside = [path.with_name("meta.json"), *([above] if above is not None else [])]
     elif ending in _TABLES:
         beside = [path.with_suffix(".npz"), path.with_suffix(".pkl"), *sonic_parts(path)]
     else:

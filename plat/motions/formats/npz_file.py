@@ -21,6 +21,7 @@ from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root, listed_joints, texts
 from plat.motions.formats.joint_orders import in_robot_order
 from plat.motions.formats.kimodo import KIMODO_FPS, has_links, read_kimodo
+from plat.motions.formats.manifest import stated_above
 from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.plat_file import ASSUMED, RESERVED, is_marked
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
@@ -102,6 +103,9 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     if arrays.get("root_pos") is not None and "root_rot" in stored:
         arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
     notes = [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
+    if not states_rate(arrays) and (stated := stated_above(path, arrays)):
+        arrays = {**stated, **arrays}
+        notes.append(f"{', '.join(stated)} from manifest.json")
     names = _names(arrays, options)
     links = has_links(arrays, options.robot)
     if links and options.fps is None and not states_rate(arrays) and not stated_rates(path, []):
