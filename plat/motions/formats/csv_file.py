@@ -117,8 +117,12 @@ def csv_text(clip: MotionClip, joint_names: tuple[str, ...], stem: str | None = 
 
 
 def _clip(name: str, parts: TableColumns, joint_pos: np.ndarray, order: QuatOrder, options: ReadOptions) -> MotionClip:
-    fps = _USUAL_FPS if options.fps is None else options.fps
-    return make_clip(name, parts.place, parts.quat, joint_pos, fps, options, order, _FIELDS, written=parts.units)
+    place, quat, fps = parts.place, parts.quat, _fps(options)
+    return make_clip(name, place, quat, joint_pos, fps, options, order, _FIELDS, written=parts.units)
+
+
+def _fps(options: ReadOptions) -> float:
+    return _USUAL_FPS if options.fps is None else options.fps
 
 
 def _in_joint_order(
@@ -155,12 +159,15 @@ def _quat_order(
     """Return the order of the quaternion, what says so, and notes."""
     if options.quat_order is not None:
         return options.quat_order, "as stated", []
-    plain = _clip(name, parts, joint_pos, "wxyz", options)
+
+    def read(order: QuatOrder) -> np.ndarray:
+        return _clip(name, parts, joint_pos, order, options).qpos
+
+    fps = _fps(options)
     if parts.order is not None:
-        order, notes = settle_quat_order(plain.qpos, plain.fps, options.soles, parts.order)
+        order, notes = settle_quat_order(read, fps, options.soles, parts.order)
         return order, "detected" if notes else "as the header says", notes
-    turned = _clip(name, parts, joint_pos, "xyzw", options)
-    found = choose_quat_order(plain.qpos, turned.qpos, plain.fps, options.soles)
+    found = choose_quat_order(read("wxyz"), read("xyzw"), fps, options.soles)
     if found is not None:
         return found, "detected", []
     out = f"{without_rates(path.stem)}.npz"

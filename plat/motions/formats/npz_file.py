@@ -354,9 +354,10 @@ def _clip(
     if names is None and joint_pos.shape[1] == qpos.shape[1] - 7:
         listed, found = settle_joint_order(joint_pos, lambda joints: read(joints, stated).qpos, options, stated)
         joint_pos, more = in_robot_order(joint_pos, listed, robot), [*more, *found]
-    clip = read(joint_pos, stated)
-    order, doubts = settle_quat_order(clip.qpos, fps, options.soles, "wxyz")
-    return read(joint_pos, order, doubts) if doubts and options.quat_order is None else clip
+    if options.quat_order is not None:
+        return read(joint_pos, stated)
+    order, doubts = settle_quat_order(lambda order: read(joint_pos, order).qpos, fps, options.soles, stated)
+    return read(joint_pos, order, doubts)
 
 
 def _widths(names: list[str] | None, options: ReadOptions) -> tuple[int, ...]:

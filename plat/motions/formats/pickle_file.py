@@ -222,13 +222,12 @@ class _Motion:
             joint_pos = joint_pos[:, [layout.joints.index(name) for name in names]]
         joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
         notes = (*more, *notes)
-        clip = self._read(joint_pos, order, notes)
         if self.options.quat_order is None:
-            in_file = clip.qpos.copy()
-            if order == "xyzw":
-                in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-            order, doubts = settle_quat_order(in_file, clip.fps, self.options.soles, order)
-            clip = self._read(joint_pos, order, (*doubts, *notes)) if doubts else clip
+            order, doubts = settle_quat_order(
+                lambda order: self._read(joint_pos, order).qpos, self.rates[0][0], self.options.soles, order
+            )
+            notes = (*doubts, *notes)
+        clip = self._read(joint_pos, order, notes)
         fps, told = rate_of_file(self.path, self.rates, [clip], robot)
         clip = replace(clip, fps=fps, notes=(*clip.notes, *told))
         return (evenly_timed(clip, self.times[0]) if self.times else clip), order

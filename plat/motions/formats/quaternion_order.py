@@ -58,20 +58,30 @@ def detect_quat_order(qpos: np.ndarray, fps: float, soles: Soles) -> QuatOrder |
     return "wxyz" if evidence > 0 else "xyzw"
 
 
-def settle_quat_order(qpos: np.ndarray, fps: float, soles: Soles, stated: QuatOrder) -> tuple[QuatOrder, list[str]]:
-    """Return the stated order of columns 3 to 6, or the other one where only that makes a plausible motion; and notes.
+def settle_quat_order(
+    read: Callable[[QuatOrder], np.ndarray], fps: float, soles: Soles, stated: QuatOrder
+) -> tuple[QuatOrder, list[str]]:
+    """Return the stated order of a root's quaternions, or the other where only that makes a plausible motion; and notes.
 
     Args:
-        qpos: ``[T, 7 + J]`` with the columns in the file's order.
+        read: makes the motion ``[T, 7 + J]`` of quaternions in an order, with its axes and units, or raises a
+            ``MotionError``.
         fps: frames a second.
         soles: of the robot.
         stated: by the format or a header.
+
+    Raises:
+        MotionError: as ``read`` does for the stated order.
     """
-    evidence = _evidence(qpos, fps, soles)
-    found: QuatOrder = "wxyz" if evidence > 0 else "xyzw"
-    if found == stated or abs(evidence) < _OVERRULING:
+    other: QuatOrder = "xyzw" if stated == "wxyz" else "wxyz"
+    as_stated = read(stated)
+    try:
+        turned = read(other)
+    except MotionError:
         return stated, []
-    return found, [f"quaternion {found}: {stated}, as it should be, makes no plausible motion"]
+    if _cost(as_stated, fps, soles) - _cost(turned, fps, soles) < _OVERRULING:
+        return stated, []
+    return other, [f"quaternion {other}: {stated}, as it should be, makes no plausible motion"]
 
 
 def _evidence(qpos: np.ndarray, fps: float, soles: Soles) -> float:
@@ -196,10 +206,14 @@ def choose_quat_order(as_wxyz: np.ndarray, as_xyzw: np.ndarray, fps: float, sole
         fps: frames a second.
         soles: of the robot.
     """
-    costs = [_strangeness(torch.from_numpy(qpos.astype(np.float64)), fps, soles) for qpos in (as_wxyz, as_xyzw)]
+    costs = [_cost(qpos, fps, soles) for qpos in (as_wxyz, as_xyzw)]
     if abs(costs[1] - costs[0]) < _MARGIN:
         return None
     return "wxyz" if costs[0] < costs[1] else "xyzw"
+
+
+def _cost(qpos: np.ndarray, fps: float, soles: Soles) -> float:
+    return _strangeness(torch.from_numpy(qpos.astype(np.float64)), fps, soles)
 
 
 def _some_frames(qpos: torch.Tensor) -> torch.Tensor:

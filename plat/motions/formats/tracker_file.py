@@ -10,6 +10,7 @@ import torch
 
 from plat.errors import MotionError
 from plat.json_file import short
+from plat.motions.clip import MotionClip
 from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, strings
 from plat.motions.formats.joint_columns import robot_columns
 from plat.motions.formats.joint_orders import in_robot_order, usual_orders
@@ -144,15 +145,14 @@ def read_tracker(
             f"by; add 'joint_names', {joint_pos.shape[1]} names in the order of the columns of 'joint_pos'"
         )
     arranged, more = arrange_joints(joint_pos, names, robot, "joint_pos")
-    clip = make_clip(path.stem, root_pos, root_quat, arranged, fps, options, order, fields)
+
+    def as_clip(order: QuatOrder) -> MotionClip:
+        return make_clip(path.stem, root_pos, root_quat, arranged, fps, options, order, fields)
+
     if not fits and options.quat_order is None:
-        in_file = clip.qpos.copy()
-        if order == "xyzw":
-            in_file[:, 3:7] = clip.qpos[:, [4, 5, 6, 3]]
-        found, doubts = settle_quat_order(in_file, fps, options.soles, order)
+        order, doubts = settle_quat_order(lambda order: as_clip(order).qpos, fps, options.soles, order)
         notes += doubts
-        if found != order:
-            order, clip = found, make_clip(path.stem, root_pos, root_quat, arranged, fps, options, found, fields)
+    clip = as_clip(order)
     # places in other units or axes than the clip's say nothing here
     if recorded is not None and not fits and np.allclose(clip.qpos[:, :3], root_pos, atol=1e-4):
         notes += recorded.contradictions(clip.qpos, len(names) == robot.num_joints)

@@ -83,6 +83,7 @@ VARIATIONS: dict[str, Callable[[Content], Content]] = {
     "sign": lambda c: replace(c, quat=-c.quat),
     "short quaternions": lambda c: replace(c, quat=0.9 * c.quat),
     "cm, xyzw": lambda c: scaled(100)(xyzw(c)),
+    "y up, xyzw": lambda c: xyzw(y_up(c)),
     "y up, breadth first": lambda c: listed(ISAAC_ORDER)(y_up(c)),
     "alphabetical": listed(sorted(G1.joint_names)),
     "waist last": listed([*(n for n in G1.joint_names if "waist" not in n), "waist_yaw", "waist_roll", "waist_pitch"]),
@@ -208,8 +209,22 @@ def test_no_layout_is_read_wrong(tmp_path):
         if outcome in ("wrong", "broken"):
             wrong.append(f"{layout}: {variation}")
     assert wrong == []
-    assert counts.total() == 320
+    assert counts.total() == 340
     assert counts["refused"] <= 8, counts
+
+
+@pytest.mark.parametrize(
+    ("layout", "heading", "vary"),
+    [
+        ("csv, header xyzw", np.pi / 2, lambda c: xyzw(y_up(c))),
+        ("qpos without names", np.pi / 2, lambda c: xyzw(y_up(c))),
+        ("GMR", -2.0, y_up),
+    ],
+)
+def test_an_order_is_judged_with_the_axes_that_it_leads_to(tmp_path, layout, heading, vary):
+    """An order that was right gave way to the other, or one that was wrong stayed: y was not up in the other one."""
+    clip = clip_with_arms(heading)
+    assert read(LAYOUTS[layout](tmp_path, vary(content(clip))), clip, False) == "right"
 
 
 def clip_with_arms(heading: float) -> MotionClip:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from plat.errors import MotionError
 from plat.motions import load_motions
 from plat.motions.checks.feet import Soles
 from plat.motions.formats import ReadOptions
@@ -39,11 +40,29 @@ def test_standing_still_may_be_either():
 def test_a_stated_order_gives_way_to_the_motion_alone():
     clip = bowing_clip(heading=0.7)
     for stated in ("wxyz", "xyzw"):
-        order, notes = settle_quat_order(clip.qpos, clip.fps, SOLES, stated)
+        order, notes = settle_quat_order(reader(clip.qpos), clip.fps, SOLES, stated)
         assert order == "wxyz"
         assert bool(notes) == (stated == "xyzw")
     standing = np.tile(G1.default_qpos, (30, 1))
-    assert settle_quat_order(as_xyzw(standing), 30.0, SOLES, "wxyz") == ("wxyz", [])
+    assert settle_quat_order(reader(as_xyzw(standing)), 30.0, SOLES, "wxyz") == ("wxyz", [])
+
+
+def reader(columns: np.ndarray):
+    """What makes the motion of columns in an order."""
+    return lambda order: columns if order == "wxyz" else columns[:, [0, 1, 2, 6, 3, 4, 5, *range(7, 36)]]
+
+
+def test_an_order_that_cannot_be_read_is_none():
+    clip = bowing_clip(heading=0.7)
+
+    def read(order: str) -> np.ndarray:
+        if order == "xyzw":
+            raise MotionError("no unit")
+        return clip.qpos
+
+    assert settle_quat_order(read, clip.fps, SOLES, "wxyz") == ("wxyz", [])
+    with pytest.raises(MotionError, match="no unit"):
+        settle_quat_order(read, clip.fps, SOLES, "xyzw")
 
 
 def in_order(qpos: np.ndarray, names: list[str]) -> np.ndarray:
