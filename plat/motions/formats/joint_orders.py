@@ -5,16 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.checks.sides import EXCHANGED, apart
 from plat.robots.robot import Robot, without_side
 from plat.robots.symmetry import joints_at_zero
 
 __all__ = [
     "JointOrderError",
+    "SidesError",
     "breadth_first",
     "in_robot_order",
     "likely_order",
     "likely_order_of_some",
+    "sides_are_exchanged",
     "usual_orders",
+    "with_sides_exchanged",
 ]
 
 # Median and mean absolute deviation (rad) of joints in retargeted motions of people, left side. Measured on 270 clips
@@ -49,11 +53,20 @@ _BEYOND = 20.0
 # side first, 37 lie between the two and none is mistaken. Hips and waists whose axes are listed otherwise look alike.
 _SURE, _CHANCE = 3.0, 0.1
 _FRAMES = 2_000
+# The roll of the left hip over that of the right one (rad, mean): below the first no clip of 365 is, and between the
+# two it does not say whether legs are exchanged as arms are.
+_LEGS_EXCHANGED, _LEGS_UNDECIDED = -0.25, 0.05
+# In so few frames someone may have crossed legs.
+_FEW_FRAMES = 15
 _LEGS, _WAIST, _WRIST = ("hip", "knee", "ankle"), "waist", "wrist"
 
 
 class JointOrderError(MotionError):
     """Columns without names whose order its poses leave open."""
+
+
+class SidesError(JointOrderError):
+    """Columns without names of which some have left and right exchanged."""
 
 
 def in_robot_order(joints: np.ndarray, listed: Sequence[str], robot: Robot) -> np.ndarray:
@@ -173,6 +186,42 @@ def likely_order_of_some(angles: np.ndarray, robot: Robot, kinds: Sequence[Seque
     return orders[best], best
 
 
+def with_sides_exchanged(names: Sequence[str]) -> list[str]:
+    """Return names of joints with left for right.
+
+    >>> with_sides_exchanged(["left_knee", "waist_yaw"])
+    ['right_knee', 'waist_yaw']
+    """
+    other = {"left": "right", "right": "left"}
+    return ["_".join((other.get(side, side), *rest)) for side, *rest in (name.split("_", 1) for name in names)]
+
+
+def sides_are_exchanged(radians: np.ndarray, robot: Robot) -> bool:
+    """Return whether arms and legs show that left and right are exchanged.
+
+    Args:
+        radians: angles ``[T, J]`` in the robot's order.
+        robot: whose joints they are.
+
+    Raises:
+        SidesError: where those of the arms or of the legs alone are.
+    """
+    arms, legs = (apart(radians, robot, part) for part in ("shoulder_roll", "hip_roll"))
+    if arms is None or legs is None:
+        return False
+    if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
+        return False
+    if arms > EXCHANGED or legs > _LEGS_UNDECIDED:
+        if len(radians) < _FEW_FRAMES:
+            return False
+        some, others = ("legs", "arms") if arms > EXCHANGED else ("arms", "legs")
+        raise SidesError(
+            f"its {some} have left and right exchanged and its {others} do not, if its joints stand in the robot's "
+            "order; name them in a header"
+        )
+    return True
+
+
 def _poses_are_known(robot: Robot) -> bool:
     """Return whether a robot has the joints of :data:`_USUAL`, and they turn its limbs as they do the G1's."""
     if not all(without_side(name) in _USUAL for name in robot.joint_names):
@@ -194,10 +243,9 @@ def _costs(angles: np.ndarray, robot: Robot) -> Callable[[list[str]], float]:
         table[:, joint] = np.minimum(np.abs(angles - middle) / spread, _MOST).mean(0) + np.log(spread)
         table[:, joint] += _BEYOND * np.maximum(low[joint] - angles, angles - high[joint]).clip(0).mean(0)
     index = {name: number for number, name in enumerate(robot.joint_names)}
-    other = {"left": "right", "right": "left"}
 
     def cost(order: list[str]) -> float:
-        exchanged = ["_".join((other.get(side, side), *rest)) for side, *rest in (name.split("_", 1) for name in order)]
+        exchanged = with_sides_exchanged(order)
         columns = np.arange(len(order))
         return min(
             float(table[columns, [index[name] for name in names]].sum())

@@ -33,7 +33,7 @@ from plat.motions.formats.common import (
 from plat.motions.formats.decompress import check_numbers, decompress
 from plat.motions.formats.foreign import refuse_human_body
 from plat.motions.formats.joint_columns import listed_joints, texts
-from plat.motions.formats.joint_orders import JointOrderError, in_robot_order
+from plat.motions.formats.joint_orders import JointOrderError, SidesError, in_robot_order
 from plat.motions.formats.pace import rate_of_file
 from plat.motions.formats.quaternion_order import settle_joint_order, settle_quat_order
 from plat.motions.formats.spellings import array_meaning
@@ -258,7 +258,7 @@ def _layouts(
         others = {layout.joints for layout in layouts.values() if layout is not None and len(layout.joints) == count}
         if len(others) == 1:
             layouts[key] = _Layout(others.pop(), ("joints as in the file's other motions",))
-        elif count != robot.num_joints:
+        elif count != robot.num_joints and not isinstance(doubt, SidesError):
             assumed = f"which {count} joints it has assumed, as ASAP and PBHC have them: its poses leave it open"
             layouts[key] = _Layout(tuple(without_wrists(robot)), (assumed,))
         else:

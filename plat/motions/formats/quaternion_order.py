@@ -8,10 +8,15 @@ import torch
 
 from plat.errors import MotionError
 from plat.motions.checks.feet import Soles, lowest_step
-from plat.motions.checks.sides import EXCHANGED, apart
 from plat.motions.formats.common import QuatOrder, ReadOptions
-from plat.motions.formats.joint_orders import JointOrderError, breadth_first, in_robot_order, likely_order
-from plat.motions.formats.units import angles_in_radians, roughly_in_radians
+from plat.motions.formats.joint_orders import (
+    breadth_first,
+    in_robot_order,
+    likely_order,
+    sides_are_exchanged,
+    with_sides_exchanged,
+)
+from plat.motions.formats.units import roughly_in_radians
 from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
@@ -29,11 +34,6 @@ __all__ = [
 _MARGIN = 0.5
 # The same where a format or a header says otherwise.
 _OVERRULING = 1.0
-# The roll of the left hip over that of the right one (rad, mean): below the first no clip of 365 is, and between the
-# two it does not say whether legs are exchanged as arms are.
-_LEGS_EXCHANGED, _LEGS_UNDECIDED = -0.25, 0.05
-# In so few frames someone may have crossed legs.
-_FEW_FRAMES = 15
 # What a radian beyond the joints' limits costs (summed over joints, mean over frames), and the most that counts. With
 # it, of 149 clips none was taken for one with its joints in the other order, nor the other way round.
 _BEYOND, _MOST_BEYOND = 10.0, 0.3
@@ -145,33 +145,12 @@ def settle_joint_order(
         return list(robot.joint_names), []  # the clip's check tells where
     found = likely_order(roughly_in_radians(joints), robot)
     listed, notes = found or _settle_depth(joints, read, options, quat_order)
-    if not _exchanged(in_robot_order(joints, listed, robot), robot):
+    if not sides_are_exchanged(roughly_in_radians(in_robot_order(joints, listed, robot)), robot):
         return listed, notes
-    other = {"left": "right", "right": "left"}
-    parts = [name.split("_", 1) for name in listed]
-    return ["_".join((other.get(side, side), *rest)) for side, *rest in parts], [
+    return with_sides_exchanged(listed), [
         *notes,
         "joints numbered with the right side first: only so do arms and legs stand apart",
     ]
-
-
-def _exchanged(joints: np.ndarray, robot: Robot) -> bool:
-    """Return whether arms and legs show that left and right are exchanged."""
-    radians = angles_in_radians(joints, robot).values
-    arms, legs = (apart(radians, robot, part) for part in ("shoulder_roll", "hip_roll"))
-    if arms is None or legs is None:
-        return False
-    if arms > EXCHANGED and legs > _LEGS_EXCHANGED:
-        return False
-    if arms > EXCHANGED or legs > _LEGS_UNDECIDED:
-        if len(joints) < _FEW_FRAMES:
-            return False
-        some, others = ("legs", "arms") if arms > EXCHANGED else ("arms", "legs")
-        raise JointOrderError(
-            f"its {some} have left and right exchanged and its {others} do not, if its joints stand in the robot's "
-            "order; name them in a header"
-        )
-    return True
 
 
 def _settle_depth(

@@ -5,7 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from plat.errors import MotionError
-from plat.motions.formats.joint_orders import JointOrderError, likely_order_of_some
+from plat.motions.formats.joint_orders import (
+    JointOrderError,
+    likely_order_of_some,
+    sides_are_exchanged,
+    with_sides_exchanged,
+)
 from plat.motions.formats.units import roughly_in_radians
 from plat.robots.robot import Robot, without_side
 from plat.words import counted
@@ -43,11 +48,11 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
 
     All joints stand in the robot's order. 23 joints of a G1 are either those of the one with 29 but its wrists, or
     those of the smaller one, which has of the waist the yaw alone and of the wrists the rolls, in the robot's order or
-    another usual one; the poses tell.
+    another usual one, and with either side first; the poses tell.
 
     Raises:
         MotionError: for another number of joints.
-        JointOrderError: where the poses do not tell.
+        JointOrderError: where the poses do not tell, or left and right are exchanged for some of the joints.
     """
     whole = list(robot.joint_names)
     cut = without_wrists(robot)
@@ -70,7 +75,14 @@ def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
             f"{field!r} has {len(cut)} joints without names: the {len(whole)} without wrists, or those of the G1 of "
             f"{len(small)}, with wrist rolls and of the waist the yaw alone? Both are plausible; name them in a header"
         )
-    return small if evidence >= _UNLIKELY else cut
+    return _on_their_sides(radians, small if evidence >= _UNLIKELY else cut, robot)
+
+
+def _on_their_sides(radians: np.ndarray, names: list[str], robot: Robot) -> list[str]:
+    """Return names of the joints ``[T, n]`` with left for right where arms and legs show that they are exchanged."""
+    joints = np.zeros((len(radians), robot.num_joints))
+    joints[:, [robot.joint_names.index(name) for name in names]] = radians
+    return with_sides_exchanged(names) if sides_are_exchanged(joints, robot) else names
 
 
 def _unlikeliness(angles: np.ndarray, names: Sequence[str], robot: Robot) -> float:

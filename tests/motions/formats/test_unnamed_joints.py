@@ -5,7 +5,7 @@ import pytest
 
 from plat.errors import MotionError
 from plat.motions import load_motions, read_motion_files
-from plat.motions.formats.joint_orders import usual_orders
+from plat.motions.formats.joint_orders import usual_orders, with_sides_exchanged
 from plat.motions.formats.unnamed_joints import unnamed_joints
 from plat.robots import G1
 from tests.motions.formats.test_layouts import clip_with_arms
@@ -89,6 +89,29 @@ def test_degrees_tell_what_radians_tell(shared_data):
         for names in (CUT, SMALL):
             radians = columns(names, clip.qpos[:, 7:].astype(np.float64))
             assert told(np.rad2deg(radians)) == told(radians)
+
+
+@pytest.mark.parametrize("kind", [CUT, SMALL], ids=["without wrists", "smaller G1"])
+@pytest.mark.parametrize("label", ["", "breadth first"])
+def test_23_joints_with_the_right_side_first(tmp_path, kind, label):
+    """Left and right were exchanged."""
+    poses = clip_with_arms(0.7).qpos.astype(np.float64)
+    order = with_sides_exchanged([name for name in usual_orders(G1).get(label, G1.joint_names) if name in kind])
+    rows = np.concatenate((poses[:, :7], columns(order, poses[:, 7:])), 1)
+    np.savetxt(tmp_path / "a_50fps.csv", rows, delimiter=",")
+    (file,) = read_motion_files(tmp_path / "a_50fps.csv")
+    np.testing.assert_allclose(columns(kind, file.clips[0].qpos[:, 7:]), columns(kind, poses[:, 7:]), atol=1e-6)
+    assert "joints in another order than the robot's" in file.facts
+
+
+def test_23_joints_some_of_which_are_on_the_other_side_are_refused(tmp_path):
+    poses = clip_with_arms(0.7).qpos.astype(np.float64)
+    poses[:, [7 + G1.joint_names.index(f"{side}_hip_roll") for side in ("left", "right")]] *= 2
+    legs = [name for name in with_sides_exchanged(CUT) if any(part in name for part in ("hip", "knee", "ankle"))]
+    rows = np.concatenate((poses[:, :7], columns([*legs, *CUT[12:]], poses[:, 7:])), 1)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"qpos": rows, "fps": 50}))
+    with pytest.raises(MotionError, match="its legs have left and right exchanged and its arms do not"):
+        read_motion_files(tmp_path / "a.pkl")
 
 
 @pytest.mark.parametrize("kind", [CUT, SMALL], ids=["without wrists", "smaller G1"])
