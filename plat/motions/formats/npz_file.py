@@ -96,13 +96,13 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
     stored = read_archive(path)
     if is_marked(stored):
         return _own(path, stored, options)
-    arrays = {ALIASES.get(name, name): array for name, array in stored.items()}
+    arrays, notes = _known(stored)
     _rename(arrays)
     refuse_human_body(arrays)
     refuse_old_arrays(stored)
     if arrays.get("root_pos") is not None and "root_rot" in stored:
         arrays.setdefault("scalar_first", np.array(False))  # as GMR has it
-    notes = [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
+    notes += [*_add_metadata(arrays), *_add_meta(path, arrays, options)]
     if not states_rate(arrays) and (stated := stated_above(path, arrays)):
         arrays = {**stated, **arrays}
         notes.append(f"{', '.join(stated)} from manifest.json")
@@ -161,6 +161,20 @@ def _own(path: Path, arrays: dict[str, np.ndarray], options: ReadOptions) -> Mot
 def _some(clips: Sequence[MotionClip]) -> Sequence[MotionClip]:
     """Return some clips of a file, from its first to its last."""
     return clips[:: max(1, len(clips) // _EXAMINED)]
+
+
+def _known(stored: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return arrays by the names that plat knows them by, and notes on those that another one of that meaning beats."""
+    listed = list(ALIASES)
+    arrays: dict[str, np.ndarray] = {}
+    notes: list[str] = []
+    for name in sorted(stored, key=lambda name: listed.index(name) if name in ALIASES else -1):
+        known = ALIASES.get(name, name)
+        if known not in arrays:
+            arrays[known] = stored[name]
+        elif not np.array_equal(arrays[known], stored[name]):
+            notes.append(f"array {short(name)} left out, which another one is read for")
+    return arrays, notes
 
 
 def _rename(arrays: dict[str, np.ndarray]) -> None:

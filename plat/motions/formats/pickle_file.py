@@ -92,6 +92,9 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         isinstance(name, str) and array_meaning(name) == "joint_pos" and not isinstance(fields, dict)
         for name, fields in content.items()
     )
+    kinds = {type(value) for value in content.values()}
+    if not single and PickledArray in kinds and dict not in kinds:
+        raise MotionError(f"no field {' or '.join(map(repr, _JOINT_POS))}, only {sorted(map(str, content))[:20]}")
     motions = {path.stem: content} if single else _with_what_holds_for_all(_ungrouped(content, path.stem))
     if len(motions) > _FEW + packed // _LEAST_BYTES:
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")

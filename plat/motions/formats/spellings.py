@@ -218,7 +218,7 @@ def array_meaning(name: str) -> str:
     ['root_pos', 'root_quat', 'joint_pos', '', '']
     """
     words = set(tokens(name))
-    words -= {"robot", "ref", "reference", "motion", "frame", "w", "world"}
+    words -= {"robot", "ref", "reference", "motion", "frame", "w", "world", "rad", "deg"}
     if words & _ROOT_ALONE and words <= _ROOT_ALONE | _PLACES:
         return "root_pos" if words & _PLACES else ""
     if words & _ROOT_ALONE and words <= _ROOT_ALONE | _TURNS:

@@ -289,6 +289,10 @@ RIGHT = {
     "base_frame_pos and base_frame_wxyz": npz(
         base_frame_pos=ROWS[:, :3], base_frame_wxyz=ROWS[:, 3:7], joint_angles=ROWS[:, 7:], fps=50
     ),
+    "joint_pos_deg in an archive": npz(
+        root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos_deg=degrees()[:, 7:], fps=50
+    ),
+    "two arrays of joints": npz(**FIELDS, dof=0 * ROWS[:, 7:]),
     "a list with the rate in a pickle": pkl({**FIELDS, "fps": [50]}),
     "fields of GMR in an archive": npz(**FIELDS),
     "root_quat and joint_pos": npz(root_pos=ROWS[:, :3], root_quat=ROWS[:, 3:7], joint_pos=ROWS[:, 7:], fps=50),
@@ -366,6 +370,10 @@ REFUSED = {
     "other names": (
         npz(a=ROWS[:, :3], b=ROWS[:, 3:7], c=ROWS[:, 7:], fps=50),
         r"expected one array \(frames, 36\) each",
+    ),
+    "fields of a simulation in a pickle": (
+        pkl({"fps": 50, "root_states": np.zeros((40, 13)), "dof_states": np.zeros((40, 29, 2))}),
+        "no field 'dof_pos' or 'dof' or 'joint_pos', only \\['dof_states', 'fps', 'root_states'\\]",
     ),
     "no rate in a pickle": (pkl({"qpos": ROWS}), "no field 'fps', expected the frames a second"),
     "joint positions of another skeleton": (

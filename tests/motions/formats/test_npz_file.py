@@ -16,6 +16,7 @@ from tests.motions.formats.writers import (
     WITHOUT_WRISTS,
     body_poses,
     bowing_clip,
+    gmr_fields,
     link_arrays,
     turned,
     write_full_tracker,
@@ -141,6 +142,16 @@ def test_bombs_are_refused(tmp_path, monkeypatch):
     path.write_bytes(lying)
     with pytest.raises(MotionError, match="Bad CRC-32"):
         load_motions(path)
+
+
+def test_of_two_arrays_of_one_meaning_the_other_is_told(tmp_path):
+    """The last one was read, without a word."""
+    fields = {name: value for name, value in gmr_fields(bowing_clip()).items() if name != "links"}
+    for name, second in (("same", fields["dof_pos"]), ("other", 0 * fields["dof_pos"])):
+        np.savez(tmp_path / f"{name}.npz", **fields, dof=second)
+        (file,) = read_motion_files(tmp_path / f"{name}.npz")
+        np.testing.assert_allclose(file.clips[0].qpos, bowing_clip().qpos, atol=1e-6)
+        assert ("array 'dof' left out" in file.facts) == (name == "other")
 
 
 def test_what_lies_beside_qpos_is_no_clip(tmp_path):
