@@ -46,6 +46,8 @@ _OF_WALLS = {"wall", "system", "host", "recv", "received", "receive", "log", "ro
 _MOST = 0.8
 # columns that may stand before the root: a counter, the time
 _MOST_BEFORE = 2
+# what lengths of quaternions may differ by rounding
+_SAME_LENGTH = 1e-4
 # words of what may stand for the root, and beside it is none
 _NEAR_ROOT = {"torso", "trunk", "odom", "odometry"}
 # words that only Euler angles have in their names
@@ -364,10 +366,13 @@ def place_first(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
     So Drake lists them, and with it the data set of OmniRetarget.
 
-    >>> place_first(np.array([[1.0, 0, 0, 0, 2, 3, 0.7, 5]]))
-    (array([[2. , 3. , 0.7, 1. , 0. , 0. , 0. , 5. ]]), ["the root's quaternion before its place"])
+    >>> place_first(np.array([[1.0, 0, 0, 0, 2, 3, 0.7, 5], [1, 0, 0, 0, 2, 3, 0.8, 5]]))[0][0]
+    array([2. , 3. , 0.7, 1. , 0. , 0. , 0. , 5. ])
     """
     if is_pose(values[:, :7]) or not is_pose(values[:, [4, 5, 6, 0, 1, 2, 3]]):
+        return values, []
+    first, behind = (np.linalg.norm(values[:, start : start + 4], axis=1) for start in (0, 3))
+    if np.ptp(first) > np.ptp(behind) + _SAME_LENGTH:  # quaternions of another length, at a place that happens to be so far off
         return values, []
     return values[:, [4, 5, 6, 0, 1, 2, 3, *range(7, values.shape[1])]], ["the root's quaternion before its place"]
 

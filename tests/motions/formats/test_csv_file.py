@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from plat.errors import MotionError
 from plat.motions import MotionClip, generate_motions, load_motions, read_motion_files, save_csv, validate_motion
+from plat.motions.formats.columns import place_first
 from plat.motions.resample import resample_qpos
 from plat.robots import G1
 from plat.rotations_np import quat_multiply
@@ -612,3 +613,12 @@ def test_uneven_times_are_made_even(tmp_path, unit):
     np.testing.assert_allclose(found.qpos, clip.qpos, atol=0.01)
     assert np.abs(qpos - clip.qpos).max() > 0.05
     assert read_back(tmp_path / "a.csv", fps=50)[0].clips[0].notes == ()  # as who states it wants
+
+
+def test_short_quaternions_at_a_place_that_looks_like_one_stay_where_they_are():
+    turn = 0.9 * np.array([0.6, 0.0, 0.0, 0.8])
+    height = np.sqrt(1 - turn[0] ** 2) + np.linspace(-0.005, 0.005, 20)
+    rows = np.column_stack((np.zeros((20, 2)), height, np.tile(turn, (20, 1)), np.zeros((20, 29))))
+    assert np.abs(np.linalg.norm(rows[:, :4], axis=1) - 1).max() < 0.01
+    assert place_first(rows)[1] == []
+    assert place_first(rows[:, [4, 5, 6, 0, 1, 2, 3, *range(7, 36)]])[1] == []
