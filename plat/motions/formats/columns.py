@@ -372,7 +372,7 @@ def place_first(values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     if is_pose(values[:, :7]) or not is_pose(values[:, [4, 5, 6, 0, 1, 2, 3]]):
         return values, []
     first, behind = (np.linalg.norm(values[:, start : start + 4], axis=1) for start in (0, 3))
-    if np.ptp(first) > np.ptp(behind) + _SAME_LENGTH:  # quaternions of another length, at a place that happens to be so far off
+    if np.ptp(first) > np.ptp(behind) + _SAME_LENGTH:  # quaternions of another length, at a place that is one by chance
         return values, []
     return values[:, [4, 5, 6, 0, 1, 2, 3, *range(7, values.shape[1])]], ["the root's quaternion before its place"]
 

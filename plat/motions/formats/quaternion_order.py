@@ -17,7 +17,6 @@ from plat.motions.formats.joint_orders import (
     with_sides_exchanged,
 )
 from plat.motions.formats.units import roughly_in_radians
-from plat.robots.robot import Robot
 from plat.rotations import quat_rotate
 
 __all__ = [
@@ -61,7 +60,7 @@ def detect_quat_order(qpos: np.ndarray, fps: float, soles: Soles) -> QuatOrder |
 def settle_quat_order(
     read: Callable[[QuatOrder], np.ndarray], fps: float, soles: Soles, stated: QuatOrder
 ) -> tuple[QuatOrder, list[str]]:
-    """Return the stated order of a root's quaternions, or the other where only that makes a plausible motion; and notes.
+    """Return the stated order of quaternions, or the other one where only that makes a plausible motion; and notes.
 
     Args:
         read: makes the motion ``[T, 7 + J]`` of quaternions in an order, with its axes and units, or raises a

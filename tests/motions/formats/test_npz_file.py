@@ -94,7 +94,7 @@ def test_wrists_may_be_missing(tmp_path):
     [
         (
             {"joint_pos": np.zeros((5, 29)), "place": np.zeros((5, 3))},
-            "no array 'body_pos_w' with the root in it, and no 'root_pos' with 'root_quat', .*; it has 'joint_pos', 'pl",
+            "no array 'body_pos_w' with the root in it, and no 'root_pos' with 'root_quat', .*; it has 'joint_pos', ",
         ),
         ({"joint_pos": np.zeros((5, 29)), "body_pos_w": np.zeros((4, 30, 3))}, "'body_pos_w' has shape .4, 30, 3."),
         ({"joint_pos": np.zeros(5)}, "'joint_pos' has shape"),
