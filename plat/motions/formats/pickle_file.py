@@ -225,12 +225,15 @@ class _Motion:
             joint_pos = joint_pos[:, [layout.joints.index(name) for name in names]]
         joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
         notes = (*more, *notes)
+        as_stated = clip = self._read(joint_pos, order, notes)
         if self.options.quat_order is None:
             order, doubts = settle_quat_order(
-                lambda order: self._read(joint_pos, order).qpos, self.rates[0][0], self.options.soles, order
+                lambda order: (as_stated if order == self.stated else self._read(joint_pos, order)).qpos,
+                clip.fps,
+                self.options.soles,
+                order,
             )
-            notes = (*doubts, *notes)
-        clip = self._read(joint_pos, order, notes)
+            clip = self._read(joint_pos, order, (*doubts, *notes)) if doubts else clip
         fps, told = rate_of_file(self.path, self.rates, [clip], robot)
         clip = replace(clip, fps=fps, notes=(*clip.notes, *told))
         return (evenly_timed(clip, self.times[0]) if self.times else clip), order
