@@ -470,13 +470,14 @@ def _content_hash(
     digest.update(json.dumps([CODE_DIGEST, generated, described, dt, mirror, drop_bad, retargets]).encode())
     digest.update(hashlib.blake2b(robot.compiled()).digest())
     listed, folders = listed_paths(files), {folder: number for number, folder in enumerate(_folders(paths))}
-    read = [(part, path in listed) for path in paths for part in (path, *read_along(path))]
+    read = [(part, path) for path in paths for part in (path, *read_along(path))]
     asked = hashlib.blake2b(json.dumps([str(Path.cwd()), *generated, *files]).encode(), digest_size=16).hexdigest()
-    digests = file_digests([path for path, _ in read], cache_dir() / "motions" / f"{asked}.digests.json")
-    for (path, named), content in zip(read, digests, strict=True):
+    digests = file_digests([part for part, _ in read], cache_dir() / "motions" / f"{asked}.digests.json")
+    for (part, path), content in zip(read, digests, strict=True):
         # Names of files and folders name clips and may say the frame rate. Files of one folder vouch for each other's
         # rate. A bad one is refused if it was named, and skipped if it was found.
-        called = path.resolve().parent.name if holds_sonic(path) else ""
-        places = [path.name, path.absolute().parent.name, called, folders[f"{path.parent}{os.sep}"], named]
+        called = part.resolve().parent.name if holds_sonic(part) else ""
+        folder = folders[f"{path.parent}{os.sep}"]
+        places = [part.name, part.absolute().parent.name, called, folder, path in listed]
         digest.update(json.dumps([*places, content]).encode())
     return digest.hexdigest()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plat.errors import MotionError
-from plat.motions import read_motion_files
+from plat.motions import MotionLibrary, read_motion_files
 from plat.motions.files import read_along
 from plat.robots import G1
 
@@ -31,6 +31,13 @@ def test_a_manifest_gives_rate_and_names(tmp_path):
         np.testing.assert_allclose(file.clips[0].qpos, CLIP.qpos, atol=1e-5)
         assert "timestep, joint_names from manifest.json" in file.facts
     assert read_along(path) == [tmp_path / "manifest.json"]
+
+
+def test_a_library_depends_on_the_manifest(tmp_path):
+    write(tmp_path, {"timestep": 0.02}, qpos=CLIP.qpos)
+    assert MotionLibrary.load(str(tmp_path)).duration == pytest.approx(39 * 0.02)
+    (tmp_path / "manifest.json").write_text('{"timestep": 0.04}')
+    assert MotionLibrary.load(str(tmp_path)).duration == pytest.approx(39 * 0.04)
 
 
 def test_names_of_the_root_alone_are_none_of_joints(tmp_path):
