@@ -87,11 +87,16 @@ def rate_of_times(times: np.ndarray, unit: str = "") -> float:
         )
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    if not usual > 0 or (steps <= 0).any() or steps.max() > _GAP * usual:
-        row = int(np.argmax((steps <= 0) | (steps > _GAP * usual))) if len(steps) else 0
+    if not usual > 0:
+        does = "goes back" if usual < 0 else "does not go on"
         raise MotionError(
-            f"the time goes on by {steps[row] if len(steps) else 0:g} at row {row + 2}, by {usual:g} elsewhere; "
-            "expected even steps (or state them: plat motions convert --fps)"
+            f"the time {does} from row to row, expected even steps (or state them: plat motions convert --fps)"
+        )
+    if (steps <= 0).any() or steps.max() > _GAP * usual:
+        row = int(np.argmax((steps <= 0) | (steps > _GAP * usual)))
+        raise MotionError(
+            f"the time goes on by {steps[row]:g} at row {row + 2}, by {usual:g} elsewhere; expected even steps (or "
+            "state them: plat motions convert --fps)"
         )
     mean = float(steps.mean())
     stated = [_UNITS[unit]] if unit in _UNITS else []

@@ -24,6 +24,8 @@ def test_times_that_waver_a_little():
     [
         ([0.0, 0.02, 0.04, 0.1, 0.12], "goes on by 0.06 at row 4, by 0.02 elsewhere"),
         ([0.0, 0.02, 0.02, 0.04], "goes on by 0 at row 3"),
+        ([1.7e9, 1.7e9, 1.7e9, 1.7e9 + 128], "the time does not go on from row to row"),
+        ([0.04, 0.02, 0.0], "the time goes back from row to row"),
         ([0.0, 0.02, np.nan, 0.06], "the time of frame 2 is nan, expected a finite number"),
         ([np.inf, 0.02, 0.04], "the time of frame 0 is inf"),
         ([0.0, -0.02, -0.04], "expected even steps"),
