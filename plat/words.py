@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 
-__all__ = ["beyond", "counted", "in_table", "percent", "perhaps"]
+__all__ = ["beyond", "counted", "in_cell", "in_table", "percent", "perhaps"]
 
 
 def beyond(value: float, limit: float, digits: int = 2) -> str:
@@ -40,6 +40,15 @@ def in_table(name: str | None) -> str:
     ('wave\\n1', '\\x1b[31mred', 'hält', '')
     """
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in name or "")
+
+
+def in_cell(text: str) -> str:
+    r"""Return a text as it stands in a cell of a Markdown table, where a bar would begin another one.
+
+    >>> in_cell("run|walk\n1")
+    'run\\|walk\\n1'
+    """
+    return in_table(text).replace("|", r"\|")
 
 
 def percent(value: float, digits: int = 1) -> str:

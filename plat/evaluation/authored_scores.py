@@ -22,14 +22,13 @@ from plat.envs.settings import ReachLimits
 from plat.errors import RecordsError
 from plat.evaluation.authored_rollout import AuthoredRollout, Pushes
 from plat.evaluation.records import read_columns, write_columns
-from plat.evaluation.report import estimate, share
-from plat.evaluation.score_table import with_conditions
+from plat.evaluation.report import Estimate, estimate, share
+from plat.evaluation.score_table import AUTHORED_METRICS, table, with_conditions
 from plat.files import replace_table
 from plat.keyframes.chain_needs import lacking
 from plat.motions import MotionLibrary
 from plat.robots import Robot
 from plat.spec.timing import Timing
-from plat.words import percent
 
 __all__ = [
     "AuthoredRecords",
@@ -306,12 +305,12 @@ _COLUMNS = {
 
 def authored_table(records: AuthoredRecords) -> str:
     """Return the scores of every family as a Markdown table."""
-    lines = [f"| family | chains | {' | '.join(_COLUMNS.values())} |", "|---" * (2 + len(_COLUMNS)) + "|"]
+    lines = [["family", "chains", *_COLUMNS.values()]]
     for family in dict.fromkeys(records.family):
         score = AuthoredScore.of(records, family)
-        cells = (_cell(getattr(score, name)) for name in _COLUMNS)
-        lines.append(f"| {family} | {score.chains} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        cells = (AUTHORED_METRICS[name].text(Estimate(*getattr(score, name))) for name in _COLUMNS)
+        lines.append([family, str(score.chains), *cells])
+    return table(lines) + "\n"
 
 
 def write_authored_csv(path: Path, records: Mapping[str, AuthoredRecords], conditions: str = "") -> None:
@@ -373,7 +372,3 @@ def _interval(top: Tensor, bottom: Tensor, draws: Tensor) -> Interval:
         return value, 0.0, 100.0
     found = share(found, trials)
     return found.value, found.low, found.high
-
-
-def _cell(figure: Interval) -> str:
-    return "-" if math.isnan(figure[0]) else "{} ({}-{})".format(*map(percent, figure))

@@ -10,7 +10,7 @@ from plat.errors import RecordsError
 from plat.evaluation.clip_records import ClipRecords
 from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, as_runs, report, report_clips
-from plat.evaluation.score_table import GROUP_METRICS, Metric, metric_named
+from plat.evaluation.score_table import GROUP_METRICS, Metric, metric_named, table
 from plat.words import counted
 
 __all__ = ["GroupScore", "group_table", "metric_of", "score_groups"]
@@ -98,5 +98,4 @@ def group_table(scores: Sequence[GroupScore], metric: str = "tks") -> str:
     for policy in dict.fromkeys(score.policy for score in scores):
         cells = {score.group: shown.text(score.figures[metric]) for score in scores if score.policy == policy}
         rows.append([policy, *(cells.get(group, "") for group in columns)])
-    first, *rest = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([first, "|" + "---|" * len(head), *rest]) + "\n"
+    return table(rows) + "\n"

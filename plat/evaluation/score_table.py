@@ -12,7 +12,7 @@ from plat.evaluation.records import CommandRecords
 from plat.evaluation.report import Estimate, as_runs, compare, report
 from plat.files import replace_table
 from plat.json_file import short
-from plat.words import percent
+from plat.words import in_cell, percent
 
 __all__ = [
     "AUTHORED_METRICS",
@@ -277,5 +277,5 @@ def _headline(score: Score) -> str:
 
 def table(rows: Sequence[Sequence[str]]) -> str:
     """Return rows of cells as a Markdown table, without a line break at its end; the first row is its head."""
-    head, *body = (f"| {' | '.join(row)} |" for row in rows)
+    head, *body = (f"| {' | '.join(map(in_cell, row))} |" for row in rows)
     return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

@@ -236,12 +236,11 @@ class Study:
         strength, tks = STRENGTHS[name], METRICS["tks"]
         points = [point for point in self.curves if point.disturbance == name]
         values = [value for value in strength.values if any(point.strength == value for point in points)]
-        lines = [f"| {name} ({strength.unit}) | {' | '.join(f'{value:g}' for value in values)} |"]
-        lines.append("|" + "---|" * (1 + len(values)))
+        lines = [[f"{name} ({strength.unit})", *(f"{value:g}" for value in values)]]
         for policy in dict.fromkeys(point.policy for point in points):
             found = {point.strength: tks.text(point.tks) for point in points if point.policy == policy}
-            lines.append(f"| {policy} | {' | '.join(found.get(value, '') for value in values)} |")
-        return "\n".join(lines) + "\n"
+            lines.append([policy, *(found.get(value, "") for value in values)])
+        return table(lines) + "\n"
 
     def markdown(self) -> str:
         """Return the tables beside those of :func:`plat.evaluation.markdown`: whole clips, groups and curves."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from plat.motions.generation import PREFIX
+from plat.words import in_cell
 
 __all__ = ["DATA_SETS", "DataSet", "data_set_of", "license_table", "licenses_told"]
 
@@ -71,7 +72,7 @@ def license_table(motions: Iterable[str]) -> str:
     for given in motions:
         known = data_set_of(given) or _UNKNOWN
         assumed = ", by the file's name" if known in DATA_SETS else ""
-        lines.append(f"| `{_short(given)}` | {known.name}{assumed} | {known.license} |")
+        lines.append(f"| `{in_cell(_short(given))}` | {known.name}{assumed} | {known.license} |")
     return "\n".join(lines)
 
 

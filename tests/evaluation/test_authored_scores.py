@@ -145,6 +145,13 @@ def test_a_table_has_a_row_a_family() -> None:
     assert lines[3].endswith("| - | 0.0 (0.0-97.5) | - |")
 
 
+def test_an_interval_without_a_width_is_left_out_as_in_other_tables() -> None:
+    """Every chain had one of its two keyframes reached: all samples are alike."""
+    alike = replace(records(), reached=torch.tensor([[True, False]] * 4))
+    (line,) = (line for line in authored_table(alike).splitlines() if line.startswith("| a |"))
+    assert line.split(" | ")[3] == "50.0"
+
+
 def test_one_keyframe_of_thousands_is_not_rounded_away() -> None:
     rows = torch.zeros(2000, dtype=torch.long)
     columns = {name: column[rows] for name, column in vars(records()).items() if isinstance(column, torch.Tensor)}

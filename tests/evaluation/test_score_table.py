@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from plat.evaluation import METRICS, Estimate, Score, differences, markdown, report, write_csv
+from plat.evaluation.groups import GroupScore
 from plat.evaluation.score_table import CLIP_METRICS
+from plat.evaluation.study import CurvePoint, Study
 from tests.evaluation.test_report import records, spread
 
 
@@ -107,3 +109,15 @@ def test_an_interval_whose_ends_nobody_knows_is_left_out():
 def test_a_score_is_of_a_table_or_of_one_for_each_seed():
     assert Score.of("mine", "long", records()).figures == Score.of("mine", "long", [records()]).figures
     assert len(Score.of("mine", "long", records()).records) == 1
+
+
+def test_a_bar_in_a_name_is_no_cell_of_its_own():
+    """Also where groups and disturbances are the columns."""
+    scores = [Score.of("kick|run", "long", [records()])]
+    groups = [GroupScore("kick|run", "long", "low|sport", 4, scores[0].figures)]
+    study = Study(scores, groups={"family": groups}, curves=[CurvePoint("kick|run", "push", 0.5, Estimate(9, 8, 10))])
+    tables = [text for text in f"{markdown(scores)}\n{study.markdown()}".split("\n\n") if text.startswith("|")]
+    assert len(tables) == 4
+    for text in tables:
+        assert len({line.replace(r"\|", "").count("|") for line in text.splitlines()}) == 1, text
+        assert r"kick\|run" in text
