@@ -10,6 +10,7 @@ from pathlib import Path
 from plat.cli.options import CurvesRecipe
 from plat.errors import PlatError
 from plat.figures import pyplot, write_figure
+from plat.figures.style import in_legend
 from plat.files import check_file
 from plat.json_file import short
 
@@ -92,12 +93,13 @@ def main(recipe: CurvesRecipe) -> None:
             minutes, values = read(run, metric)
             width = recipe.smooth
             smooth = [sum(values[max(0, i - width + 1) : i + 1]) / min(i + 1, width) for i in range(len(values))]
-            panel.plot(minutes, smooth, label=run.name if names.count(run.name) == 1 else str(run))
+            panel.plot(minutes, smooth, label=in_legend(run.name if names.count(run.name) == 1 else str(run)))
         panel.set(xlabel="minutes", title=metric.replace("_", " "))
         if min(min(line.get_ydata()) for line in panel.lines) >= 0:
             panel.set_ylim(0, None)
         panel.grid(alpha=0.3)
-        panel.legend(frameon=False)
+        for text in panel.legend(frameon=False).get_texts():
+            text.set_parse_math(False)  # a name is no formula
     figure.tight_layout()
     recipe.out.parent.mkdir(parents=True, exist_ok=True)
     write_figure(figure, recipe.out, dpi=130)

@@ -43,6 +43,16 @@ def test_values_below_zero_are_seen_and_runs_of_one_name_told_apart(tmp_path, mo
     assert [text.get_text() for text in gain.get_legend().get_texts()] == [str(run) for run in runs]
 
 
+@pytest.mark.parametrize("name", ["_best", "cost $5^$"])
+def test_a_name_of_any_letters_stands_in_the_legend(tmp_path, monkeypatch, name):
+    pytest.importorskip("matplotlib")
+    drawn = []
+    monkeypatch.setattr(curves, "write_figure", lambda figure, *_, **__: drawn.append(figure))
+    curves.main(curves.CurvesRecipe(runs=(write_metrics(tmp_path / name),), metrics=("loss",), out=tmp_path / "c.png"))
+    (text,) = drawn[0].axes[0].get_legend().get_texts()
+    assert (text.get_text().strip(), text.get_parse_math()) == (name, False)
+
+
 def test_a_folder_without_metrics_and_an_unknown_column_are_named(tmp_path):
     with pytest.raises(PlatError, match="nowhere/metrics.csv"):
         curves.read(tmp_path / "nowhere", "loss")
