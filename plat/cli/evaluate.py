@@ -5,6 +5,7 @@ plat evaluate runs/plat runs/dagger runs/expert --motions clips.npz --horizon mi
 
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from plat.cli.together import check_effect
 from plat.control.authored import FAMILIES
 from plat.envs.transforms import HORIZONS, RandomizationRanges, horizon_named
 from plat.envs.transforms.settings import robot_ranges
-from plat.errors import OutputError, PlatError
+from plat.errors import OutputError, PlatError, RecordsError
 from plat.evaluation import HEADLINE, METRICS, Entrant, EvaluationSetting, Score, markdown, write_csv
 from plat.evaluation.authored_cells import records_of_all
 from plat.evaluation.authored_playback import play_authored
@@ -36,7 +37,7 @@ from plat.evaluation.groups import GroupScore
 from plat.evaluation.score_table import COLUMNS, rows
 from plat.evaluation.study import Study, StudyPlan, run_study
 from plat.evaluation.study_files import TABLES as TABLES_OF_STUDY
-from plat.evaluation.study_files import write_study
+from plat.evaluation.study_files import read_study, write_study
 from plat.figures import ablation_bars, film_strip, group_plot, pyplot, radar_plot, save_figure, success_plot
 from plat.files import TABLES, check_file, check_folder, keep_sources, replace_file
 from plat.motions import MotionLibrary
@@ -118,6 +119,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     conditions = conditions_of(recipe, next(iter(entrants.values())).timing)
     if conditions:
         print(f"conditions: {conditions}")
+    if recipe.out is not None:
+        tell_replaced(recipe.out, entrants, recipe.horizon)
     print_head()
     study = run_study(
         found,
@@ -217,6 +220,18 @@ def other_window(timing: Timing) -> str:
     """Return what there is to say where headings have @3 and the arrival window is another; "" where it is 3."""
     told = f"arrival window of {counted(timing.window, 'control step')}, not {Timing().window}"
     return told if timing.window != Timing().window else ""
+
+
+def tell_replaced(folder: Path, policies: Collection[str], horizons: Collection[str]) -> None:
+    """Say which rows of the table in a folder are none of this evaluation, which replaces it."""
+    others: dict[str, list[str]] = {}
+    with suppress(RecordsError):
+        for score in read_study(folder).scores:
+            if score.policy not in policies or score.horizon not in horizons:
+                others.setdefault(score.policy, []).append(score.horizon)
+    if others:
+        told = "; ".join(f"{policy} at {', '.join(names)}" for policy, names in others.items())
+        print(f"tables in {str(folder)!r} are replaced, which were of {told}: their records stay")
 
 
 def write_page(recipe: EvaluateRecipe, conditions: str, study: Study, authored: Sequence[str] = ()) -> None:

@@ -15,7 +15,7 @@ from plat.evaluation.authored_scores import (
     evaluate_authored,
     no_chains,
 )
-from plat.evaluation.cells import Candidate, Cell, fingerprint, robot_fingerprint
+from plat.evaluation.cells import Candidate, Cell, fingerprint, of_others, robot_fingerprint
 from plat.evaluation.entrant import Entrant
 from plat.evaluation.groups import GroupScore
 from plat.evaluation.report import Estimate
@@ -63,8 +63,9 @@ def authored_records(
     if path is not None and path.exists():
         try:
             records, known = AuthoredRecords.load(path)
-            if known == about:
+            if not (others := of_others(known, about)):
                 return records
+            print(f"evaluated again, and replaced: {str(path)!r} of {', '.join(others)}")
         except RecordsError as error:
             print(f"evaluated again: {error}")
     try:

@@ -5,7 +5,7 @@ import hashlib
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -32,6 +32,7 @@ from plat.runs.interrupts import ENDING
 from plat.runs.user_modules import import_modules
 from plat.scratch import Scratch
 from plat.version import __version__
+from plat.words import counted
 
 __all__ = [
     "PART",
@@ -41,6 +42,7 @@ __all__ = [
     "evaluate_cells",
     "fingerprint",
     "motions_fingerprint",
+    "of_others",
     "robot_fingerprint",
 ]
 
@@ -174,6 +176,10 @@ def evaluate_cells(
     with _stopped_by_signals(), Scratch("plat-evaluation-") as scratch:
         desk = _Desk(folder or scratch, library)
         missing = [(cell, number) for cell in cells for number in desk.missing(cell)]
+        if desk.others:
+            told = ", ".join(dict.fromkeys(word for words in desk.others.values() for word in words))
+            files = counted(len(desk.others), "file")
+            print(f"evaluated again, and replaced: {files} in {str(desk.folder)!r} of {told}")
         total = sum(desk.steps(cell, number) for cell, number in missing)
         # a process takes seconds to start
         count = min(workers or (available_cpus() if total > _WORTH_PROCESSES else 1), len(missing))
@@ -196,6 +202,7 @@ class _Desk:
         self.folder, self.library = folder, library
         clear_parts(folder)
         self._marks = motions_fingerprint(library), robot_fingerprint(library.robot)
+        self.others: dict[Path, list[str]] = {}  # files that were not of a cell, and what they are of, in words
 
     def about(self, cell: Cell) -> dict[str, Any]:
         """Return what the records of a cell depend on."""
@@ -229,7 +236,10 @@ class _Desk:
         except RecordsError as error:
             print(f"evaluated again: {error}")
             return None
-        return records if known == self.about(cell) else None
+        if others := of_others(known, self.about(cell)):
+            self.others[path] = others
+            return None
+        return records
 
     def missing(self, cell: Cell) -> list[int]:
         """Return the parts of a cell that are not there yet."""
@@ -369,6 +379,33 @@ def fingerprint(parts: Iterable[bytes]) -> str:
     for part in parts:
         total.update(hashlib.blake2b(part).digest())
     return total.hexdigest()
+
+
+_OTHERS = {
+    "policy": "another policy",
+    "motions": "other motions",
+    "clips": "other motions",
+    "setting": "other conditions",
+    "seed": "another seed",
+    "plat": "another version of plat",
+    "robot": "another robot",
+    "chains": "other keyframes",
+    "pushes": "other pushes",
+}
+
+
+def of_others(known: Mapping[str, Any], about: Mapping[str, Any]) -> list[str]:
+    """Return in words what records are of, where they depend on something else than is asked for; empty if on the same.
+
+    Args:
+        known: what they depend on.
+        about: what is asked for.
+
+    >>> of_others({"seed": 0, "motions": "a"}, {"seed": 0, "motions": "b", "robot": "c"})
+    ['other motions', 'another robot']
+    """
+    differ = [key for key in {**about, **known} if key not in known or key not in about or known[key] != about[key]]
+    return list(dict.fromkeys(words for key, words in _OTHERS.items() if key in differ)) or differ
 
 
 def motions_fingerprint(library: MotionLibrary) -> str:

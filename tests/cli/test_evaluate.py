@@ -319,6 +319,16 @@ def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, made_up):
     assert {path.name for path in out.iterdir()} == {"records", "scores.csv", "scores.md"}
 
 
+def test_tables_of_other_rows_are_told_before_they_are_replaced(runs, tmp_path, capsys):
+    out = tmp_path / "all"
+    evaluate.main(recipe(runs, "plain", horizon=("long", "single"), out=out))
+    evaluate.main(recipe(runs, "plain", horizon=("long", "single"), out=out))
+    assert "replaced" not in capsys.readouterr().out
+    evaluate.main(recipe(runs, "far-sighted", horizon=("long",), out=out))
+    told = f"tables in {str(out)!r} are replaced, which were of plain at long, single: their records stay\n"
+    assert told in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["s.csv", "s.tsv"])
 def test_authored_keyframes_of_an_earlier_start_do_not_stay_beside_a_table(runs, tmp_path, made_up, name):
     csv, beside = tmp_path / name, tmp_path / name.replace("s.", "s_authored.")

@@ -42,7 +42,7 @@ def test_actions_that_are_not_finite_are_told_with_the_name_of_the_policy(tracke
         authored_records(candidate, entrant, motions, 1, SETTING, chains=author("arms", G1, 1, 0))
 
 
-def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeypatch):
+def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeypatch, capsys):
     calls: list[int] = []
 
     def evaluate(policy, robot, chains, **options):
@@ -59,10 +59,16 @@ def test_records_are_kept_and_taken_up_again(tracker, motions, tmp_path, monkeyp
     assert len(calls) == 1
     assert again.family == first.family
     assert torch.equal(again.reached, first.reached)
+    assert "evaluated again" not in capsys.readouterr().out
     authored_records(*tracker, motions, 1, replace(SETTING, seed=1), tmp_path)  # other chains
     candidate, entrant = tracker
     authored_records(replace(candidate, fingerprint="other"), entrant, motions, 1, SETTING, tmp_path)
     assert len(calls) == 3
+    told = capsys.readouterr().out.splitlines()
+    assert [line.rpartition(" of ")[2] for line in told if "replaced" in line] == [
+        "other keyframes",
+        "another policy, other keyframes",
+    ]
     for _ in range(2):
         authored_records(*tracker, motions, 1, SETTING, tmp_path / "pushed", pushes=Pushes(0.2))
     authored_records(*tracker, motions, 1, SETTING, tmp_path / "pushed", pushes=Pushes(0.3))

@@ -114,19 +114,27 @@ def test_finished_parts_are_not_evaluated_again(candidate, clips, parts_of_two, 
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "told"),
     [
-        lambda cell: Cell(cell.candidate, "short", EvaluationSetting(seed=1)),
-        lambda cell: Cell(cell.candidate, "short", EvaluationSetting(disturbance=Disturbance(push=1.0))),
-        lambda cell: Cell(Candidate("a/plain", cell.candidate.load, "other weights"), "short", SETTING),
+        (lambda cell: Cell(cell.candidate, "short", EvaluationSetting(seed=1)), "other conditions, another seed"),
+        (
+            lambda cell: Cell(cell.candidate, "short", EvaluationSetting(disturbance=Disturbance(push=1.0))),
+            "other conditions",
+        ),
+        (lambda cell: Cell(Candidate("a/plain", cell.candidate.load, "other"), "short", SETTING), "another policy"),
     ],
     ids=["seed", "disturbance", "weights"],
 )
-def test_other_conditions_are_evaluated_anew(change: Callable[[Cell], Cell], candidate, clips, counted, tmp_path: Path):
-    cell = Cell(candidate, "short", SETTING)
+def test_other_conditions_are_evaluated_anew(
+    change: Callable[[Cell], Cell], told: str, candidate, clips, counted, tmp_path: Path, capsys
+):
+    """And a line says so, for the records of before are replaced."""
+    cell, folder = Cell(candidate, "short", SETTING), tmp_path / "records"
     for one, times in ((cell, 1), (cell, 1), (change(cell), 2)):
-        list(evaluate_cells([one], clips, folder=tmp_path / "records", workers=1))
+        assert capsys.readouterr().out == ""
+        list(evaluate_cells([one], clips, folder=folder, workers=1))
         assert len(counted) == times
+    assert capsys.readouterr().out == f"evaluated again, and replaced: 1 file in {str(folder)!r} of {told}\n"
 
 
 def test_a_broken_file_is_replaced(candidate, clips, counted, tmp_path, capsys):
