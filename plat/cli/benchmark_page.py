@@ -40,9 +40,10 @@ _UNSAID = "not said in its file"
 _READING = """\
 Rows that were trained on other motions differ by that as well as by their method: compare those of
 one list. Intervals are 95 %, bootstrapped over motions; where all samples of them are alike, as of
-a group of one motion, there is none. Every row is given the same commands. A dense tracker is shown
-its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one by
-TKS@3 at Mixed, or at the first horizon where that is not among them. Calm and everyday motion
+a group of one motion, there is none. Over few motions, which may be cut into many clips, [they are
+too narrow](evaluation.md#the-ablation). Every row is given the same commands. A dense tracker is
+shown its keyframe by the [interface](evaluation.md#released-trackers) in parentheses: the best one
+by TKS@3 at Mixed, or at the first horizon where that is not among them. Calm and everyday motion
 saturates TKS@3: rows differ on brisk and hard motion, and in their errors.
 """
 _ALT = {

@@ -47,7 +47,7 @@ def test_every_policy_at_every_horizon(runs, capsys):
     assert [(score.policy, score.horizon) for score in scores] == cells
     assert [len(score.records[0].clip) for score in scores[::2]] == [4, 200]
     printed = capsys.readouterr().out.splitlines()
-    assert printed[0].startswith("2 motions, 4 s")
+    assert printed[0] == "2 motions, 4 s; 95 % intervals over motions in parentheses, too narrow over so few"
     assert len(printed) == 2 + 4 + 2
     assert printed[-1] == f"wrote {runs / 'scores.csv'}"
     with (runs / "scores.csv").open(newline="") as file:

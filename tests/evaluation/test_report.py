@@ -308,3 +308,39 @@ def test_records_of_nothing_have_no_report():
         compare(records().of_clips([]), records().of_clips([]))
     with pytest.raises(RecordsError, match="no records"):
         success_curve([])
+
+
+def coverage(motions: int, times: int) -> tuple[float, float]:
+    """Return how often an interval holds the true error, and how often equal policies differ beyond chance."""
+    generator = torch.Generator().manual_seed(0)
+    clip, held, differ = torch.arange(motions), 0, 0
+
+    def of(error: torch.Tensor) -> CommandRecords:
+        ones = torch.ones(motions, dtype=torch.float64)
+        return CommandRecords(
+            clip=clip,
+            length=torch.full((motions,), 10),
+            steps=10 * ones,
+            failed=clip < 0,
+            fell=clip < 0,
+            window_steps=3 * ones,
+            window=dict.fromkeys(("joint_error", "keypoint_error", "keypoint_error_root"), error),
+            arrival_error=error,
+            step=dict.fromkeys(("action_change", "joint_jerk", "foot_slip"), ones),
+        )
+
+    for number in range(times):
+        # motions differ more than policies do
+        motion = 0.1 * (0.4 * torch.randn(motions, generator=generator, dtype=torch.float64)).exp()
+        other = motion + 0.01 * torch.randn(motions, generator=generator, dtype=torch.float64)
+        found = report(of(motion), resamples=400, seed=number)["mpjpe"]
+        held += found.low <= 0.1 * math.exp(0.08) <= found.high
+        differ += compare(of(other), of(motion), resamples=400, seed=number)["mpjpe"].beyond_chance
+    return held / times, differ / times
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("motions", "held", "differ"), [(2, 0.5, 0.5), (4, 0.77, 0.2), (64, 0.94, 0.06)])
+def test_intervals_are_as_wide_as_the_documentation_says(motions, held, differ):
+    found = coverage(motions, times=400)
+    assert found == pytest.approx((held, differ), abs=0.07)
