@@ -418,7 +418,7 @@ def first_named(library: MotionLibrary, pattern: str | None) -> int:
 
 def print_head() -> None:
     """Print the headings of the lines that :func:`print_score` prints."""
-    print(f"{'policy':<22}{'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 mm':<22}{'falls %':<9}seconds")
+    print(f"{'policy':<21} {'horizon':<9}{'TKS@3 %':<21}{'MPJPE@3 rad':<22}{'MPKPE@3 mm':<22}{'falls %':<9}seconds")
 
 
 def print_score(score: Score, seconds: float) -> None:
@@ -426,7 +426,7 @@ def print_score(score: Score, seconds: float) -> None:
     cells = (METRICS[name].text(score.figures[name]) for name in HEADLINE)
     falls = METRICS["fall_rate"].text(score.figures["fall_rate"].value)
     tks, mpjpe, mpkpe = cells
-    print(f"{score.policy:<22}{score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)
+    print(f"{score.policy:<21} {score.horizon:<9}{tks:<21}{mpjpe:<22}{mpkpe:<22}{falls:<9}{seconds:.0f}", flush=True)
 
 
 def draw_scores(folder: Path, scores: Sequence[Score]) -> list[Path]:

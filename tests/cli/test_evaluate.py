@@ -155,10 +155,12 @@ def test_dense_goals_of_an_expert_that_sees_several_frames(runs, monkeypatch):
     assert ("goal_6", "joint_pos") not in seen["keys"]
 
 
-def test_runs_of_the_same_name_are_told_apart(runs):
+def test_runs_of_the_same_name_are_told_apart(runs, capsys):
     save_run(runs / "other" / "plain", PlainPolicy(G1, SMALL))
     scores = evaluate.main(recipe(runs, "plain", "other/plain"))
+    lines = capsys.readouterr().out.splitlines()
     assert [score.policy for score in scores] == [str(runs / "plain"), str(runs / "other" / "plain")]
+    assert [line.split()[:2] for line in lines[2:4]] == [[score.policy, "long"] for score in scores]  # however long
 
 
 def test_figures_are_drawn(runs, capsys):
