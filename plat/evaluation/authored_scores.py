@@ -265,9 +265,9 @@ def author_families(
 ) -> list[Authored]:
     """Return ``count`` chains of every authored family that a policy of a timing can be given.
 
-    Left out are families that the motions or the robot lack something for
-    (:func:`plat.keyframes.chain_needs.lacking`), and ``far3s`` when the longest command is shorter than its 3 s.
-    Families whose poses the robot cannot take are as well, and a line says so.
+    Left out is ``far3s`` when the longest command is shorter than its 3 s. Families that the motions or the robot lack
+    something for (:func:`plat.keyframes.chain_needs.lacking`), and those whose poses the robot cannot take, are as
+    well, and a line says so.
 
     Args:
         robot: whose keyframes they are.
@@ -280,7 +280,10 @@ def author_families(
     resting = resting_poses(motions)
     chains: list[Authored] = []
     for family in FAMILIES.values():
-        if family.interval[1] > timing.longest or lacking(family, robot, resting):
+        if family.interval[1] > timing.longest:
+            continue
+        if lack := lacking(family, robot, resting):
+            _LOGGER.warning("authored family %r needs %s; left out", family.name, lack)
             continue
         try:
             chains += author(family.name, robot, count, seed, resting, timing)

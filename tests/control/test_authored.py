@@ -17,6 +17,7 @@ from plat.motions import MotionClip, MotionLibrary
 from plat.robots import G1, ForwardKinematics
 from plat.spec.timing import Timing
 from plat.tasks.chains import _chains
+from tests.conftest import standing_clip
 
 # Of each family's second chain of seed 0: time of the last keyframe, its root's pose, and its joint angles weighted by
 # 1 to 29. Scores of policies are comparable while these stay.
@@ -240,6 +241,17 @@ def test_families_that_a_robot_cannot_take_are_left_out_and_told(library: Motion
     assert [record.getMessage().split(":")[0] for record in caplog.records if "left out" in record.getMessage()] == [
         "authored family 'reach' cannot be drawn",
         "authored family 'three_point' cannot be drawn",
+    ]
+
+
+def test_families_without_resting_poses_are_left_out_and_told(caplog) -> None:
+    sliding = MotionLibrary.from_clips([standing_clip()])
+    with caplog.at_level("WARNING", "plat.motions"):
+        families = {chain.family for chain in author_families(G1, sliding, 1)}
+    assert not families & {"hold", "poses"}
+    assert [record.getMessage() for record in caplog.records] == [
+        f"authored family {name!r} needs resting poses: give motions that have some; left out"
+        for name in ("hold", "poses")
     ]
 
 
