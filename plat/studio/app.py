@@ -212,7 +212,7 @@ class Studio:
             neighbors = _neighbors(timeline) if posing and self._pose.onion.value else (None, None)
             for figure, neighbor in zip((self._before, self._after), neighbors, strict=True):
                 figure.show(neighbor, beside=timeline.pose.qpos)
-            self._place(player)
+            self._place(None if posing else player)
 
     def _shown(self, player: Player | None) -> np.ndarray | None:
         playback = self.session.playback
@@ -230,17 +230,18 @@ class Studio:
             label.position = player.pose_at(self.session.playback.cursor)[:3] + np.array([0.0, 0.0, 0.75])
 
     def _place(self, player: Player | None) -> None:
-        """Move the world under a robot that is followed, and the second robot to the side of the first."""
-        playback, start = self.session.playback, self.session.timeline.start
-        followed = player is not None and playback.playing and self._play.follow.value
-        away = player.pose_at(playback.cursor)[:2] - start.root_pos[:2] if followed and player else np.zeros(2)
+        """Move the world under a robot that is followed, and back where none is."""
+        away = np.zeros(2)
+        if player is not None and self._play.follow.value:
+            away = player.pose_at(self.session.playback.cursor)[:2] - self.session.timeline.start.root_pos[:2]
         self._world.position = (-away[0], -away[1], 0.0)
 
     def _look(self) -> None:
-        """Move every camera to the selected pose."""
+        """Move every camera to the selected pose, or to the robot, where the world that moves under it shows it."""
+        there = self._look_at()[:2] + self._world.position[:2]
         for client in self.server.get_clients().values():
             camera = client.camera
-            away = self._look_at()[:2] - camera.look_at[:2]
+            away = there - camera.look_at[:2]
             shift = np.array([*away, 0.0])
             with client.atomic():
                 # to set the position moves the point that is looked at along

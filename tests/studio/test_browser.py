@@ -341,6 +341,28 @@ def test_in_software_the_scene_has_fewer_pixels_while_it_moves(user):
     user.until(lambda: playback.speed == 1)
 
 
+def test_a_robot_that_has_walked_away_is_seen_when_it_stops(user):
+    session, playback, world = user.session, user.session.playback, user.studio._world
+    user.begin()
+    ahead = G1.default_qpos + 0.6 * np.eye(36)[0]
+    user.studio._desk.ask(lambda: session.edit(session.timeline.inserted(ahead, 1.0)))
+    user.key("Home", "Space")
+    user.until(lambda: playback.cursor > 0.8)
+    user.key("Space")
+    user.until(lambda: playback.paused)
+    user.settle()
+    robot = playback.player.pose_at(playback.cursor)[:2]
+    assert robot[0] > 0.2
+    np.testing.assert_allclose(world.position[:2], -robot, atol=1e-6)
+    user.key("f")
+    user.settle()
+    (client,) = user.studio.server.get_clients().values()
+    np.testing.assert_allclose(client.camera.look_at[:2], [0.0, 0.0], atol=1e-3)
+    user.key("Home")  # poses are edited where they are
+    user.until(lambda: np.allclose(world.position, 0.0))
+    user.key("Escape")
+
+
 def test_two_policies_play_side_by_side(user):
     playback = user.session.playback
     user.begin("bow")

@@ -1092,6 +1092,21 @@ def test_a_time_that_is_sought_while_it_plays_is_kept(visitor):
 
 
 @pytest.mark.slow
+def test_a_robot_that_has_walked_away_is_seen_when_it_stops(visitor):
+    visitor.begin("bow")
+    robot, world, looked = visitor.page.evaluate(
+        "async () => { const it = window.platStudio, { timeline } = it, ahead = [...timeline.start.qpos]; ahead[0] += 0.6;"
+        "it.edit(timeline.select(1).posed(ahead)); it.receive({ do: 'first' });"
+        "await it.stepBy(40); const place = it.scene.world.position.toArray(); it.receive({ do: 'look' });"
+        "const robot = it.players[0].poseAt(it.cursor).slice(0, 2), looked = it.scene.orbit.target.toArray();"
+        "it.stop(); return [robot, place.slice(0, 2), looked.slice(0, 2)]; }"
+    )
+    assert robot[0] > 0.2
+    np.testing.assert_allclose(world, np.negative(robot), atol=1e-6)
+    np.testing.assert_allclose(looked, [0.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.slow
 def test_pausing_and_going_on_within_a_frame_is_one_run(visitor):
     visitor.begin("bow")
     steps = visitor.page.evaluate(

@@ -28,6 +28,7 @@ class PlayPanel:
         )
         page.when_changed(self._beside, self._set_beside)
         self.follow = gui.add_checkbox("Follow the robot", initial_value=True)
+        page.when_changed(self.follow)
         self._live = gui.add_markdown("")
         self._keyframes = gui.add_markdown("")
         page.slow_button(

@@ -290,8 +290,9 @@ export class Scene {
   get worldAxes() { return this.gizmos[0].space === "world"; }
   toggleAxes() { Object.assign(this, { arrows: true, ringed: false }); for (const gizmo of this.gizmos) gizmo.setSpace(gizmo.space === "local" ? "world" : "local"); this.draw(); }
 
+  /* Move the camera to a place, where the world that moves under a robot shows it. */
   look([x, y]) {
-    const { target } = this.orbit, shift = new THREE.Vector3(x - target.x, y - target.y, 0);
+    const { target } = this.orbit, { position } = this.world, shift = new THREE.Vector3(x + position.x - target.x, y + position.y - target.y, 0);
     target.add(shift);
     this.camera.position.add(shift);
     this.orbit.update();

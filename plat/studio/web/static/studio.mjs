@@ -141,7 +141,7 @@ class Studio {
       floor: () => edit(now().posed(this.robot.dropped(now().pose.qpos))), flat: () => edit(now().posed(this.robot.flat(now().pose.qpos))), remove: () => edit(now().removed()),
       around: () => this.leadAround(),
       undo: () => this.swap(this.past, this.future), redo: () => this.swap(this.future, this.past), save: () => this.save(),
-      look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().pose.qpos), hide: () => { this.hidden = !this.hidden; },
+      look: () => this.scene.look(this.players[0] && !this.posing ? this.players[0].poseAt(this.cursor) : now().sample(this.cursor).qpos), hide: () => { this.hidden = !this.hidden; },
       onion: () => { this.onion = !this.onion; }, axes: () => this.scene.toggleAxes(), pin: () => this.pin(this.handle),
     };
   }
@@ -522,7 +522,7 @@ class Studio {
     figures.after.show(this.placedOf(neighbor(1)), { beside: this.placedOf(pose) });
     const stance = pose ? robot.stance(pose) : null;
     this.scene.showStance(stance);
-    const away = playing && first && this.at.follow.checked ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
+    const away = first && !posing && this.at.follow.checked ? [0, 1].map((axis) => first.poseAt(cursor)[axis] - timeline.start.qpos[axis]) : [0, 0];
     this.scene.world.position.set(-away[0], -away[1], 0);
     const mode = playing ? "playing" : first && !this.finished ? "paused" : "still";
     this.channel.show({ time: { cursor, simulated: this.simulated, mode, speed: this.speed, loop: this.loop }, check: stance ? (sunk > this.site.limits.floor_penetration ? `${(100 * sunk).toFixed(0)} cm inside the floor` : stance.words) + together(inside, robot) : "", distances: { dt: this.site.control_dt, of: this.players.map((player) => player.errors.map((error) => error.keypoint)) } });
