@@ -1092,6 +1092,22 @@ def test_a_time_that_is_sought_while_it_plays_is_kept(visitor):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("statuses", "status"), [("late reached", "reached"), ("fell reached", "fell"), ("reached late fell", "fell")]
+)
+def test_poses_on_the_way_count_where_the_robot_falls(visitor, statuses, status):
+    visitor.begin("bow")
+    visitor.page.evaluate(
+        "(statuses) => { const it = window.platStudio; it.edit(it.timeline.select(1).stretched(2));"
+        "it.scores = { [it.policy]: statuses.split(' ').map((status, index) => "
+        "({ number: 1, time: index + 1, status, words: status, joint: 0, keypoint: 0 })) }; it.show(); }",
+        statuses,
+    )
+    visitor.page.locator(f'#dock [data-key="1"][data-status="{status}"]').wait_for()
+    assert "way to 1 " in visitor.page.locator(".scores").inner_text()
+
+
+@pytest.mark.slow
 def test_a_robot_that_has_walked_away_is_seen_when_it_stops(visitor):
     visitor.begin("bow")
     robot, world, looked = visitor.page.evaluate(

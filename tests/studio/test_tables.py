@@ -34,19 +34,37 @@ def test_a_row_a_keyframe(sequence):
     assert "| reached; fell afterwards |" in keyframe_table(timeline_of(sequence), afterwards)
 
 
-def test_a_row_a_policy():
+@pytest.mark.parametrize(
+    ("outcomes", "whole"),
+    [
+        (("late or off", "reached", "reached", "reached"), "1 of 1 reached"),
+        (("fell", "reached", "reached", "reached"), "0 of 1 reached, 1 fell"),
+        (("reached", "late or off", "reached", "reached"), "0 of 1 reached, 1 late or off"),
+        (("reached", "reached", "reached", "late or off"), "0 of 1 reached, 1 late or off"),
+        (("reached", "late or off", "fell", "fell"), "0 of 1 reached, 1 fell"),
+    ],
+)
+def test_poses_on_the_way_count_where_the_robot_falls(outcomes, whole):
+    timeline = Timeline.empty(G1).inserted(G1.default_qpos, 2.0, "far").held(2.0)
+    scores = [score(number, "far", number + 1.0, outcome) for number, outcome in enumerate(outcomes)]
+    assert policy_table(timeline, {"plat": scores}, {}).splitlines()[2].split("|")[2].strip() == whole
+    rows = keyframe_table(timeline, scores).splitlines()[2:]
+    assert [row.split("|")[1].strip() for row in rows] == ["way to 1 far", "1 far", "1 far", "1 far"]
+
+
+def test_a_row_a_policy(sequence):
     notes = {"old": "did not play: it is for whole poses", "expert": "at 1.00 s: it diverged"}
-    rows = policy_table({"plat": SCORES, "expert": SCORES[1:] * 2}, notes).splitlines()
+    rows = policy_table(timeline_of(sequence), {"plat": SCORES, "expert": SCORES[1:]}, notes).splitlines()
     assert rows[2:] == [
         "| plat | 1 of 2 reached, 1 late or off | 0.150 | 30 |",
-        r"| expert | 0 of 2 reached, 2 late or off; at 1\.00 s: it diverged | 0.200 | 40 |",
+        r"| expert | 0 of 1 reached, 1 late or off; at 1\.00 s: it diverged | 0.200 | 40 |",
         "| old | did not play: it is for whole poses | - | - |",
     ]
 
 
 def test_no_scores_no_table(sequence):
     assert keyframe_table(timeline_of(sequence), None) == ""
-    assert policy_table({}, {}) == ""
+    assert policy_table(timeline_of(sequence), {}, {}) == ""
 
 
 def test_names_are_not_taken_for_markdown():

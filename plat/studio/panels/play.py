@@ -63,7 +63,7 @@ class PlayPanel:
         if len(tables) > 1:
             tables = [f"**{name}**\n\n{table}" for name, table in zip(names, tables, strict=True)]
         _set(self._keyframes, "\n\n".join(tables))
-        _set(self._policies, policy_table(playback.scores, playback.notes))
+        _set(self._policies, policy_table(timeline, playback.scores, playback.notes))
         self.show_time()
 
     def show_time(self) -> None:

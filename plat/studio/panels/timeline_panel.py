@@ -11,7 +11,7 @@ from plat.studio.checker import Checker
 from plat.studio.dock import Message
 from plat.studio.page import Page
 from plat.studio.policy_playback import SPEEDS
-from plat.studio.tables import grade
+from plat.studio.tables import drawn_scores, grade
 from plat.studio.timeline import LONGEST_INTERVAL, Timeline
 
 __all__ = ["TimelinePanel"]
@@ -108,11 +108,11 @@ class TimelinePanel:
     def show(self) -> None:
         """Update all that is not only the time."""
         session = self._page.session
-        timeline, scores = session.timeline, session.playback.scores.get(session.playback.policy)
+        timeline = session.timeline
+        scores = drawn_scores(timeline, session.playback.scores.get(session.playback.policy, ()))
         verdicts = self._checker.timeline(timeline)
         poses: list[dict[str, Any]] = []
         for number, (pose, label) in enumerate(zip(timeline.poses, timeline.labels, strict=True)):
-            own = [score for score in scores or () if timeline.toward(score.time) == number]
             verdict = verdicts[number - 1] if number else None
             poses.append(
                 {
@@ -124,7 +124,7 @@ class TimelinePanel:
                     "joint": "" if verdict is None else verdict.joint,
                     "speed": 0.0 if verdict is None else round(verdict.speed, 2),
                     "share": 0.0 if verdict is None else round(verdict.share, 3),
-                    **_result(own),
+                    **_result(scores.get(number)),
                 }
             )
         arrivals = {pose.time for pose in timeline.to_keyframes()}
@@ -165,12 +165,8 @@ def _distance(value: float) -> float | None:
     return None if math.isnan(value) else round(value, 3)
 
 
-def _result(scores: list[KeyframeScore]) -> dict[str, str]:
-    """Return status and words of the scores of a keyframe, of the ways to it and of its hold."""
-    if not scores:
-        return {"status": "waiting", "result": ""}
-    worst = next((score for score in scores if grade(score) != "reached"), scores[-1])
-    return {"status": grade(worst), "result": worst.words}
+def _result(score: KeyframeScore | None) -> dict[str, str]:
+    return {"status": "waiting", "result": ""} if score is None else {"status": grade(score), "result": score.words}
 
 
 def _ignoring(action: Callable[[], None]) -> Callable[[Message], None]:

@@ -532,7 +532,8 @@ class Studio {
   show() {
     const { timeline, site, at } = this, verdicts = this.verdicts(), scores = this.scores[this.policy] || [], { qpos } = timeline.pose;
     const poses = timeline.poses.map((pose, number) => {
-      const own = scores.filter((score) => score.number === number), worst = own.find((score) => score.status !== "reached") ?? own[own.length - 1];
+      const own = scores.filter((score) => score.number === number && (score.status === "fell" || !this.onTheWay(score)));
+      const worst = ["fell", "late", "reached"].map((status) => own.find((score) => score.status === status)).find(Boolean);
       const verdict = number ? verdicts[number - 1] : { words: [], joint: "", speed: 0, share: 0 };
       return { time: pose.time, hold: number ? timeline.holds[number - 1] : 0, label: timeline.labels[number], name: pose.name || "", ...verdict, status: worst?.status ?? "waiting", result: worst?.words ?? "" };
     });
@@ -559,9 +560,12 @@ class Studio {
     this.showMoving();
   }
 
+  /* Whether a score is of a pose at which a long interval is split: nobody drew it, and of it counts a fall. */
+  onTheWay({ number, time }) { return this.timeline.steps(time) < this.timeline.steps(this.timeline.poses[number].time); }
+
   showScores() {
     const table = (name, scores) => {
-      const rows = scores.map((score) => [this.timeline.labels[score.number], score.words, score.joint === null ? "-" : score.joint.toFixed(3), score.keypoint === null ? "-" : (1000 * score.keypoint).toFixed(0)]);
+      const rows = scores.map((score) => [(this.onTheWay(score) ? "way to " : "") + this.timeline.labels[score.number], score.words, score.joint === null ? "-" : score.joint.toFixed(3), score.keypoint === null ? "-" : (1000 * score.keypoint).toFixed(0)]);
       const element = document.createElement("table");
       for (const cells of [[name, "outcome", "joints rad", "keypoints mm"], ...rows]) {
         const line = element.insertRow();
