@@ -8,7 +8,7 @@ import torch
 
 from plat.control import Feasibility
 from plat.control.feasibility import repeats, support_margin
-from plat.keyframes import Keyframe
+from plat.keyframes import Keyframe, Parts
 from plat.motions.checks.feet import Soles
 from plat.robots.robot import Robot
 from plat.studio.timeline import Timeline
@@ -88,14 +88,15 @@ class Checker:
         self._soles = Soles(robot)
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
-        self._known: dict[tuple[bytes, Keyframe, float, bool], Verdict] = {}
+        self._known: dict[tuple[bytes, bytes, Parts | None, float, bool], Verdict] = {}
 
     def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
         """Return the verdict on each keyframe; those that are held or repeated, and the last one, must be balanced."""
         known, verdicts, following = {}, [], (*timeline.keyframes[1:], None)
         for (before, frame), hold, after in zip(timeline.ways, timeline.holds, following, strict=False):
             held = hold > 0 or after is None or repeats(frame, after)
-            key = before.qpos.tobytes(), frame, round(frame.time - before.time, 6), held
+            # not of the keyframe itself, which an edit of another one makes anew
+            key = before.qpos.tobytes(), frame.qpos.tobytes(), frame.commands, round(frame.time - before.time, 6), held
             verdict = self._known.get(key) or self._verdict(before, frame, held)
             known[key] = verdict
             verdicts.append(verdict)

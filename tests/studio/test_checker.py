@@ -87,6 +87,17 @@ def test_verdicts_follow_edits():
     assert CHECKER.timeline(timeline.held(1.0))[0].speed == CHECKER.timeline(timeline)[0].speed
 
 
+def test_a_keyframe_that_moves_leaves_the_verdicts_on_others(monkeypatch):
+    timeline, checker = Timeline.empty(G1), Checker(G1)
+    for number in range(5):
+        timeline = timeline.inserted(squat() if number % 2 else G1.default_qpos, 0.5)
+    checker.timeline(timeline)
+    asked, verdict = [], checker._verdict
+    monkeypatch.setattr(checker, "_verdict", lambda *way: asked.append(way) or verdict(*way))
+    checker.timeline(timeline.retimed(2, 1.1))
+    assert len(asked) == 2, "of the ways to it and from it"
+
+
 def test_a_hull_contains_all_points():
     points = np.random.default_rng(0).normal(size=(40, 2))
     hull = convex_hull(points)

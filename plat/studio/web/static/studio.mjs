@@ -77,7 +77,7 @@ class Studio {
     this.cursor = 0;
     this.handle = "right hand";
     this.jointNumber = 0;
-    this.known = new Map(); // verdicts by keyframe
+    this.known = new Map(); // verdicts by what they are of
     this.hidden = false;
     this.onion = true;
     this.notes = [];
@@ -349,10 +349,10 @@ class Studio {
     const repeats = (frame, after) => parts(frame) === parts(after) && after.qpos.every((value, at) => Math.abs(value - frame.qpos[at]) <= 1e-6 + 1e-5 * Math.abs(value));
     const result = ways.map(([before, frame], index) => {
       const seconds = Math.round((frame.time - before.time) * 1e6) / 1e6, after = keyframes[index + 1], held = holds[index] > 0 || !after || repeats(frame, after);
-      const from = String(before.qpos), kept = this.known.get(frame), same = kept && kept.from === from && kept.seconds === seconds && kept.held === held;
-      const one = same ? kept : { from, seconds, held, verdict: verdict(this.robot, before, frame, seconds, held) };
-      known.set(frame, one);
-      return one.verdict;
+      const key = [before.qpos, frame.qpos, parts(frame), seconds, held].join("|"); // not the keyframe, which an edit of another one makes anew
+      const found = this.known.get(key) ?? verdict(this.robot, before, frame, seconds, held);
+      known.set(key, found);
+      return found;
     });
     this.known = known;
     return result;
