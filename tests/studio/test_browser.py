@@ -291,6 +291,20 @@ def test_buttons_are_pressed_with_the_keyboard(user):
     assert user.page.evaluate("document.activeElement.ariaLabel") == "Mirror left and right"
 
 
+def test_keyframes_are_gone_through_with_the_keyboard(user):
+    page, active = user.page, "document.activeElement.getAttribute"
+    user.begin("wave")
+    page.get_by_role("button", name="Help").focus()
+    user.key("Tab")
+    assert page.evaluate(f"{active}('role')") == "listbox"
+    for name in ("2 out 1, 1.10 s", "3 in 1, 1.50 s"):
+        user.key("ArrowRight")
+        page.get_by_role("option", name=name, selected=True).wait_for()
+        chosen = page.evaluate(f"document.getElementById({active}('aria-activedescendant')).getAttribute('aria-label')")
+        assert chosen == name
+    page.evaluate("document.activeElement.blur()")
+
+
 def test_playing_is_paused_stepped_slowed_and_scored(user):
     session, playback = user.session, user.session.playback
     user.begin("bow")

@@ -112,7 +112,7 @@
     at.speed = make("select", { "aria-label": "Speed", title: "Speed of playback", onchange: () => send("speed", { value: at.speed.value }) },
       ...["1x", "1/2", "1/4", "1/10"].map((label) => make("option", { text: label, value: label })));
     at.clock = make("span", { class: "clock" });
-    at.track = draw("svg", { class: "track", role: "group", "aria-label": "timeline" });
+    at.track = draw("svg", { class: "track", role: "listbox", tabindex: 0, "aria-label": "keyframes" });
     at.words = make("span", { class: "words", role: "status" });
     at.file = make("span", { class: "file" });
     at.dock = make("div", { id: "dock" },
@@ -508,7 +508,8 @@
       const x = places[number], chosen = number === timeline.selected, color = COLORS[pose.status], drawn = chosen ? onTop : parts;
       const room = Math.min(x - (places[number - 1] ?? -Infinity), (places[number + 1] ?? Infinity) - x); // many are small, and have no rims to hide each other
       const size = chosen ? 10 : Math.min(Math.max(room / 2, 4), 8), rim = chosen ? 3 : size < 7 ? 0 : 2;
-      const group = draw("g", { class: chosen ? "key chosen" : "key", "data-key": number, role: "button", "data-status": pose.status, "aria-label": `keyframe ${pose.label}`, "aria-pressed": chosen });
+      const told = [pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words.map(spoken)].filter(Boolean);
+      const group = draw("g", { class: chosen ? "key chosen" : "key", id: `key-${number}`, "data-key": number, role: "option", "data-status": pose.status, "aria-label": told.join(", "), "aria-selected": chosen });
       if (pose.hold > 0) group.append(draw("rect", { x, y: middle - 7, width: pose.hold * framed.scale, height: 14, rx: 4, fill: color, opacity: 0.4 }));
       group.append(draw("rect", { x: x - 12, y: axis - 4, width: 24, height: height - axis, fill: "transparent" }),
         draw("path", { d: `M${x} ${middle - size} l${size} ${size} l${-size} ${size} l${-size} ${-size}z`, fill: color, stroke: chosen ? "var(--accent)" : "var(--paper)", "stroke-width": rim }));
@@ -525,7 +526,7 @@
         group.append(text);
         taken[Math.max(row, 0)] = x + half;
       }
-      group.append(tip([pose.label, `${pose.time.toFixed(2)} s`, pose.result, ...pose.words.map(spoken)].filter(Boolean).join("\n")));
+      group.append(tip(told.join("\n")));
       drawn.push(group);
       if (number > 0) {
         const edge = x + Math.max(pose.hold * framed.scale, size + 2);
@@ -536,6 +537,7 @@
     });
     parts.push(...onTop, draw("path", { d: `M${now - 6} 0 h12 v8 l-6 7 l-6 -7z`, fill: "var(--head)", "pointer-events": "none" }));
     at.track.replaceChildren(...parts);
+    at.track.setAttribute("aria-activedescendant", `key-${timeline.selected}`); // the keyframes are drawn anew, the focus stays
   }
 
   function curves(height, axis) { // how far each robot was from its keyframe, at the foot of the track
