@@ -22,6 +22,7 @@ from plat.studio.player import Player
 from plat.studio.scene import Backdrop, Bodies, Figure, RobotView, StanceView
 from plat.studio.session import Session
 from plat.studio.timeline import Timeline
+from plat.studio.wakeup import threaded_buffers
 
 __all__ = ["Studio"]
 
@@ -69,7 +70,7 @@ class Studio:
         self.session, robot = session, session.robot
         files = Folder(folder)
         dock = Dock(self._receive)
-        with guarded_server(self.access, dock):
+        with guarded_server(self.access, dock), threaded_buffers():
             self.server = server = viser.ViserServer(host=host, port=port, verbose=False)
         self._desk = Desk(self._tick, self._show, self._report, interval=session.timing.control_dt)
         self._page = page = Page(server, session, self._desk, dock)
