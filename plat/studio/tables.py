@@ -71,9 +71,7 @@ def keyframe_table(timeline: Timeline, scores: Sequence[KeyframeScore] | None) -
     return "\n".join(rows)
 
 
-def policy_table(
-    timeline: Timeline, scores: Mapping[str, Sequence[KeyframeScore]], notes: Mapping[str, str]
-) -> str:
+def policy_table(timeline: Timeline, scores: Mapping[str, Sequence[KeyframeScore]], notes: Mapping[str, str]) -> str:
     """Return a table with a row per policy: the outcomes of the drawn keyframes, and mean errors. Empty without any.
 
     Args:

@@ -632,6 +632,8 @@ def test_a_name_is_cut_between_characters(visitor):
     visitor.begin("bow")
     visitor.page.evaluate("window.platStudio.receive({ do: 'rename', value: 'x'.repeat(59) + '🤖🤖' })")
     assert visitor.get("timeline.pose.name") == "x" * 59 + "🤖"
+    visitor.page.evaluate("window.platStudio.receive({ do: 'rename', value: '🤖'.repeat(20) })")
+    visitor.page.locator('#dock [data-key="1"] text', has_text="1 " + "🤖" * 11 + "…").wait_for()
 
 
 @pytest.mark.slow
@@ -1111,8 +1113,8 @@ def test_poses_on_the_way_count_where_the_robot_falls(visitor, statuses, status)
 def test_a_robot_that_has_walked_away_is_seen_when_it_stops(visitor):
     visitor.begin("bow")
     robot, world, looked = visitor.page.evaluate(
-        "async () => { const it = window.platStudio, { timeline } = it, ahead = [...timeline.start.qpos]; ahead[0] += 0.6;"
-        "it.edit(timeline.select(1).posed(ahead)); it.receive({ do: 'first' });"
+        "async () => { const it = window.platStudio, { timeline } = it, ahead = [...timeline.start.qpos];"
+        "ahead[0] += 0.6; it.edit(timeline.select(1).posed(ahead)); it.receive({ do: 'first' });"
         "await it.stepBy(40); const place = it.scene.world.position.toArray(); it.receive({ do: 'look' });"
         "const robot = it.players[0].poseAt(it.cursor).slice(0, 2), looked = it.scene.orbit.target.toArray();"
         "it.stop(); return [robot, place.slice(0, 2), looked.slice(0, 2)]; }"

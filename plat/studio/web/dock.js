@@ -518,7 +518,7 @@
         sign.textContent = "▲!";
         group.append(sign);
       }
-      const words = pose.label.length > 14 ? pose.label.slice(0, 13) + "…" : pose.label, half = 3.2 * words.length + 4;
+      const letters = [...pose.label], words = letters.length > 14 ? letters.slice(0, 13).join("") + "…" : pose.label, half = 3.2 * words.length + 4;
       const row = taken.findIndex((end) => x - half >= end);
       if (row >= 0 || chosen) { // a label that has no room is left out; the tip has it
         const text = draw("text", { x, y: middle + size + 14 + 13 * Math.max(row, 0), "text-anchor": "middle" });
