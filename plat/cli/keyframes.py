@@ -15,7 +15,9 @@ import numpy as np
 
 from plat.cli.options import Around, ConvertKeyframes, FromMotion, KeyframesCommand, Show
 from plat.cli.together import check_effect
-from plat.control import Feasibility, lead_around
+from plat.control import Feasibility, Simulator, lead_around
+from plat.control.chase import check_start
+from plat.control.simulator import PHYSICS_STEPS
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
@@ -96,6 +98,11 @@ def show(command: Show) -> KeyframeSequence:
         if not keyframe.whole:
             print(f"     commands {_words(parts, robot)}")
         before, step = keyframe, arrival
+    control_dt = sequence.timing.control_dt
+    try:
+        check_start(sequence, Simulator(robot.model(timestep=control_dt / PHYSICS_STEPS), control_dt), command.file)
+    except KeyframeError as error:
+        print(error)  # what is looked at may be as it is
     lengths = [after - before for before, after in pairwise((0, *sequence.arrival_steps))]
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:

@@ -31,7 +31,7 @@ from plat.control import (
     record,
     tally,
 )
-from plat.control.chase import check_parts_are_seen
+from plat.control.chase import check_parts_are_seen, check_start
 from plat.control.shoves import Shoves
 from plat.control.simulator import PHYSICS_STEPS
 from plat.errors import ActionError, KeyframeError
@@ -79,6 +79,7 @@ def main(recipe: PlayRecipe) -> list[KeyframeScore]:
     simulator = Simulator(model, timing.control_dt)
     controller = PolicyController(policy.deployed(), robot, timing)
     check_parts_are_seen(sequence, controller, recipe.keyframes)
+    check_start(sequence, simulator, recipe.keyframes)
     chase = Chase(controller, sequence, simulator, hold=recipe.hold)
     scorer = KeyframeScorer(robot, recipe.reach)
     shoves = Shoves(recipe.push, recipe.push_every, recipe.seed, timing.control_dt)

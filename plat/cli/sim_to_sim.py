@@ -23,7 +23,8 @@ from plat.control import (
     mean_errors,
 )
 from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, physics_settings
-from plat.control.chase import check_parts_are_seen
+from plat.control.chase import check_parts_are_seen, check_start
+from plat.control.simulator import PHYSICS_STEPS
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, BundleError, KeyframeError
@@ -51,10 +52,12 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         raise BundleError(f"bundle {str(recipe.bundle)!r}: drives robot {runner.robot.name!r}, {expected}")
     timing = runner.timing
     sequences, long = [], []
+    still = Simulator(robot.model(timestep=timing.control_dt / PHYSICS_STEPS), timing.control_dt)
     for path in recipe.keyframes:
         tell = lambda interval, path=path: long.append(f"{path}: {interval.words}")  # noqa: E731
         sequences.append(KeyframeSequence.load(path, robot, split=recipe.split, timing=timing, tell=tell))
         check_parts_are_seen(sequences[-1], runner, path)
+        check_start(sequences[-1], still, path)
     names = [str(path) for path in recipe.keyframes]
     for line in long:  # after all files were read: one of them may be refused
         print(line)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plat.bounds import Range, check_value
 from plat.control.simulator import Simulator
 from plat.deploy import Pose, RobotState
-from plat.errors import KeyframeError, PlatError
+from plat.errors import KeyframeError, PlatError, StateError
 from plat.json_file import short
 from plat.keyframes import Command, Keyframe, KeyframeSequence
 from plat.keyframes.sequence import check_sequence
@@ -200,6 +200,18 @@ def check_parts_are_seen(sequence: KeyframeSequence, controller: Controller, fil
     if partial is not None and not getattr(controller, "sees_parts", True):
         where = "" if file is None else f"keyframe file {str(file)!r}: "
         raise KeyframeError(f"{where}{whole_only(partial)}")
+
+
+def check_start(sequence: KeyframeSequence, simulator: Simulator, file: Path) -> None:
+    """Raise an error for a start that no chase can begin with, such as one in the floor.
+
+    Raises:
+        KeyframeError: naming the file.
+    """
+    try:
+        simulator.reset(sequence.start)
+    except StateError as error:
+        raise KeyframeError(f"keyframe file {str(file)!r}: start: {str(error).removeprefix('pose: ')}") from None
 
 
 def _check_controller(controller: Controller) -> None:

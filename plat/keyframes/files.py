@@ -180,6 +180,8 @@ def _keyframe(
     if isinstance(name, str):
         label += f" ({short(name)})"
     try:
+        if version == 1 and "time" in required and "commands" in entry:
+            raise KeyframeError("commands is a field of version 2, and version is 1")
         _check_fields(entry, required, ("name",) if version == 1 else ("name", "commands"))
         if not isinstance(name, (str, type(None))):
             raise KeyframeError(f"name is {short(name)}, expected a text")

@@ -182,6 +182,14 @@ def test_show_tells_what_is_out_of_reach(tmp_path, capsys):
     assert line.startswith("keyframe 1 may be out of reach: 2.5 m in 0.80 s takes ")
 
 
+def test_show_tells_a_start_that_cannot_be_played(tmp_path, capsys):
+    stand = standing(G1)
+    low = replace(stand, root_pos=stand.root_pos - [0, 0, 0.56])
+    KeyframeSequence(G1, low, (stand.at(0.5),)).save(tmp_path / "low.json")
+    keyframes.main(keyframes.Show(file=tmp_path / "low.json"))
+    assert "low.json': start: the robot is 56 cm inside the floor, expected a start on it\n" in capsys.readouterr().out
+
+
 def test_keyframes_to_mjcf_and_constraints_and_back(tmp_path, capsys):
     def convert(source: Path, out: str, **more: object) -> KeyframeSequence | None:
         keyframes.main(keyframes.ConvertKeyframes(file=source, out=tmp_path / out, **more))

@@ -226,6 +226,14 @@ def test_what_is_wrong_shows_before_the_robot_runs(changes, error, message, monk
         play.main(recipe)
 
 
+def test_a_start_in_the_floor_is_named_with_its_file(tmp_path):
+    stand = standing(G1)
+    low = dataclasses.replace(stand, root_pos=stand.root_pos - [0, 0, 0.56])
+    KeyframeSequence(G1, low, (stand.at(0.5),)).save(tmp_path / "low.json")
+    with pytest.raises(KeyframeError, match=r"^keyframe file '.*low.json': start: the robot is 56 cm inside the floor"):
+        play.main(play.PlayRecipe(policy=PLAT, keyframes=tmp_path / "low.json"))
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
 def test_the_viewer_without_a_display_is_one_line():
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}

@@ -75,6 +75,17 @@ def test_a_file_of_partial_keyframes_for_a_policy_of_whole_ones_is_named_first(t
         sim_to_sim.main(recipe)
 
 
+def test_a_start_in_the_floor_is_named_with_its_file(tmp_path, monkeypatch):
+    runner = SimpleNamespace(timing=Timing(), robot=describe_robot(G1, 0.02), sees_parts=False)
+    monkeypatch.setattr(sim_to_sim, "PolicyRunner", lambda *_: runner)
+    stand = standing(G1)
+    low = replace(stand, root_pos=stand.root_pos - [0, 0, 0.56])
+    KeyframeSequence(G1, low, (stand.at(0.5),)).save(tmp_path / "low.json")
+    recipe = sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=(tmp_path / "low.json",))
+    with pytest.raises(KeyframeError, match=r"^keyframe file '.*low.json': start: the robot is 56 cm inside the floor"):
+        sim_to_sim.main(recipe)
+
+
 def test_a_bundle_of_another_robot_with_the_same_joints_is_refused(tmp_path, monkeypatch):
     bent = replace(G1, name="bent", default_pose={**G1.default_pose, "left_elbow": 1.2})
     runner = SimpleNamespace(timing=Timing(), robot=describe_robot(bent, 0.02))

@@ -359,6 +359,9 @@ _FAULTS: dict[str, list[Callable[[dict], object]]] = {
         lambda content: content.update(author="me"),
         lambda content: content["start"].update(time=0.0),
         lambda content: content["keyframes"][0].update(speed=1.0),
+        lambda content: content["start"].update(commands={"root": ["height"]}),
+    ],
+    "commands is a field of version 2, and version is 1": [
         lambda content: content.update(version=1) or content["keyframes"][0].update(commands={"root": ["height"]}),
     ],
     "expected an object": [lambda content: content["keyframes"].insert(0, 3)],

@@ -191,6 +191,7 @@ export function read(text, site) {
   if (!Array.isArray(content.keyframes) || !content.keyframes.length) throw new Error("keyframes: expected a list of at least one");
   const one = (entry, label, required, optional) => {
     if (!isObject(entry)) throw new Error(`${label} is ${shown(entry)}, expected an object`);
+    if (version === 1 && required.includes("time") && "commands" in entry) throw new Error(`${label}: commands is a field of version 2, and version is 1`);
     fields(entry, required, optional, `${label}: `);
     if (entry.name !== undefined && entry.name !== null && typeof entry.name !== "string") throw new Error(`${label}: name is ${shown(entry.name)}, expected a text`);
     const place = numbers(entry.root_pos, 3, `${label}: root_pos`), given = numbers(entry.root_quat, 4, `${label}: root_quat`);
