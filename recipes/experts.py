@@ -6,7 +6,7 @@ from typing import TypeVar
 from plat.errors import CheckpointError, ConfigError
 from plat.modules import Expert
 from plat.recipes.options import ExpertModelRecipe, ExpertRecipe
-from plat.recipes.shapes import in_shape_of, tell_robot
+from plat.recipes.shapes import in_shape_of, tell_robot, with_values
 from plat.robots import Robot
 from plat.runs import SavedRun, is_run
 from plat.runs.announce import next_command
@@ -38,9 +38,13 @@ def make_expert(recipe: R, robot: Robot, trained: Expert | None) -> Expert:
     Raises:
         CheckpointError: when the trained one sees other frames, or has layers that this one lacks.
     """
-    expert = Expert(robot, recipe.policy).to(recipe.device)
+    kind, config = Expert, recipe.policy
     if trained is not None:
         tell_robot(recipe.init, trained.robot, robot)
+        # a class of one's own goes on as one, with settings that only it has
+        kind, config = type(trained), with_values(trained.config, vars(config))
+    expert = kind.build(robot, config).to(recipe.device)
+    if trained is not None:
         try:
             expert.start_from(trained)
         except ConfigError as error:

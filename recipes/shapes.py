@@ -1,6 +1,7 @@
 """Going on from a trained policy: in what shape, and for which robot."""
 
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 from plat.robots import Robot
@@ -19,7 +20,7 @@ def in_shape_of(init: Any, policy: Any, default: Any, trained: Any, kept: tuple[
             would act otherwise from the start.
     """
     if policy == default:
-        shape = replace(policy, **vars(trained))
+        shape = with_values(policy, vars(trained))
         ours, theirs = asdict(default), asdict(shape)
         told = [f"{name} {theirs[name]}" for name in ours if ours[name] != theirs[name]]
         words = "goes on in its shape: "
@@ -27,11 +28,17 @@ def in_shape_of(init: Any, policy: Any, default: Any, trained: Any, kept: tuple[
         own = {name: getattr(trained, name) for name in kept if getattr(policy, name) == getattr(default, name)}
         shape = replace(policy, **own)
         ours, theirs = asdict(shape), asdict(trained)
-        told = [f"{name} {ours[name]} in place of {theirs[name]}" for name in theirs if ours[name] != theirs[name]]
+        differing = [name for name in theirs if name in ours and ours[name] != theirs[name]]
+        told = [f"{name} {ours[name]} in place of {theirs[name]}" for name in differing]
         words = "goes on with "
     if told:
         print(f"--init {str(init)!r} {words}{', '.join(told)}")
     return shape
+
+
+def with_values(config: Any, values: Mapping[str, Any]) -> Any:
+    """Return a config with those values that it has a field for: one of another class may have more."""
+    return replace(config, **{field.name: values[field.name] for field in fields(config) if field.name in values})
 
 
 def tell_robot(init: Any, trained: Robot, robot: Robot) -> None:

@@ -9,7 +9,7 @@ import torch
 from plat.errors import CheckpointError, ConfigError
 from plat.modules import FinetunedPolicy, LatentPolicy, PlainPolicy, take_over
 from plat.recipes.options import DistillRecipe, ImagineRecipe, check_partial
-from plat.recipes.shapes import in_shape_of, tell_robot
+from plat.recipes.shapes import in_shape_of, tell_robot, with_values
 from plat.robots import Robot
 from plat.runs import SavedRun
 
@@ -43,9 +43,13 @@ def make_student(recipe: R, robot: Robot, trained: Any) -> Any:
     Raises:
         CheckpointError: when the trained one has layers that this one lacks.
     """
-    student = KINDS[recipe.student](robot, recipe.policy).to(recipe.device)
+    kind, config = KINDS[recipe.student], recipe.policy
     if trained is not None:
         tell_robot(recipe.init, trained.robot, robot)
+        # a class of one's own goes on as one, with settings that only it has
+        kind, config = type(trained), with_values(trained.config, vars(config))
+    student = kind.build(robot, config).to(recipe.device)
+    if trained is not None:
         try:
             take_over(student, trained)
         except ConfigError as error:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from plat.errors import ConfigError
 from plat.modules.settings import PlainPolicyConfig
@@ -48,10 +48,11 @@ def take_over(student: Any, trained: Any) -> None:
     missing = [group for group in theirs.also if group not in ours.also]
     if missing:
         raise ConfigError(f"the trained student observes {missing[0]!r}, this one does not: add it (--policy.also)")
-    if student.decoder.network[0].in_features - ours.hidden_size and ours.hidden_size != theirs.hidden_size:
+    if ours.hidden_size != theirs.hidden_size and len(student.decoder.widths) > 1:
         raise ConfigError(f"hidden_size: {theirs.hidden_size} of the trained student with a latent, expected the same")
     weights = trained.state_dict()
-    _observe_more(weights, ours, theirs, student.robot)
+    if (ours.also, ours.timing.max_steps) != (theirs.also, theirs.timing.max_steps):
+        _observe_more(weights, ours, theirs, student.robot)
     state = student.state_dict()
     for name, ours_value in state.items():
         if name not in weights:
@@ -83,6 +84,9 @@ def check_parts(trained: Robot, robot: Robot) -> None:
 
 def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: PlainPolicyConfig, robot: Robot) -> None:
     """Put the columns of a trained student's first layer and normalizer where this student has those entries."""
+    first_layer = weights.get(_FIRST_LAYER, torch.empty(0))
+    if first_layer.shape[1:] != weights["normalizer.mean"].shape:
+        raise ConfigError("the trained student's backbone is its own: expected the same also and timing.max_steps")
     seen, now = student_keys(theirs.also), student_keys(ours.also)
     widths = observation_widths(now, robot)
     size = sum(widths)
@@ -90,8 +94,8 @@ def _observe_more(weights: dict[str, Tensor], ours: PlainPolicyConfig, theirs: P
     columns = torch.cat([columns_of[key] for key in seen])
     mean, var = (weights["normalizer.mean"].new_full((size,), value) for value in (0.5, 0.25))
     mean[columns], var[columns] = weights["normalizer.mean"], weights["normalizer.var"]
-    first = weights[_FIRST_LAYER].new_zeros(len(weights[_FIRST_LAYER]), size)
-    first[:, columns] = weights[_FIRST_LAYER]
+    first = first_layer.new_zeros(len(first_layer), size)
+    first[:, columns] = first_layer
     horizon, ratio = columns_of["command", "horizon"], ours.timing.max_steps / theirs.timing.max_steps
     eps = ours.normalizer.eps
     before = var[horizon].sqrt() + eps
@@ -117,7 +121,7 @@ def widened(name: str, trained: Tensor, drawn: Tensor, stacked: int = 1) -> Tens
     Args:
         name: of the tensor, for the message.
         trained: a weight ``[out, in]`` or a bias ``[out]``.
-        drawn: the same of the wider network, newly drawn.
+        drawn: the same of the wider network, newly drawn, or a lazy one that takes any size.
         stacked: outputs of one size that are stacked along the first dimension; each is widened by itself.
 
     Raises:
@@ -126,7 +130,7 @@ def widened(name: str, trained: Tensor, drawn: Tensor, stacked: int = 1) -> Tens
     >>> widened("weight", torch.ones(1, 1), torch.full((2, 2), 5.0)).tolist()
     [[1.0, 0.0], [5.0, 5.0]]
     """
-    if trained.shape == drawn.shape:
+    if nn.parameter.is_lazy(drawn) or trained.shape == drawn.shape:
         return trained
     if trained.ndim != drawn.ndim or any(a > b for a, b in zip(trained.shape, drawn.shape, strict=True)):
         raise ConfigError(f"the trained policy has {tuple(trained.shape)} for {name}, this one {tuple(drawn.shape)}")

@@ -11,7 +11,7 @@ from tensordict.nn import (
     TensorDictModuleBase,
     TensorDictSequential,
 )
-from torch import nn
+from torch import Tensor, nn
 from torchrl.envs import Transform
 
 from plat.envs.transforms.goals import DenseGoal
@@ -147,14 +147,20 @@ class Expert(nn.Module):
                 f"{self.config.hidden}"
             )
         weights = trained.state_dict()
-        frame_size = observation_size(goal_keys(), self.robot)
-        further = (len(self.config.ahead) - len(frames)) * frame_size
-        first_layer = weights["network.0.weight"]
-        weights["network.0.weight"] = torch.cat((first_layer, first_layer.new_zeros(len(first_layer), further)), 1)
-        for name in ("normalizer.mean", "normalizer.var"):
-            last = weights[name][-frame_size:]
-            weights[name] = torch.cat((weights[name], last.repeat(further // frame_size)))
+        if further := len(self.config.ahead) - len(frames):
+            self._see_more(weights, further)
         self.load_state_dict({name: widened(name, weights[name], ours) for name, ours in self.state_dict().items()})
+
+    def _see_more(self, weights: dict[str, Tensor], further: int) -> None:
+        """Widen a trained expert's first layer and normalizer by further frames."""
+        frame_size = observation_size(goal_keys(), self.robot)
+        first_layer = weights.get("network.0.weight", torch.empty(0))
+        if first_layer.shape[1:] != weights["normalizer.mean"].shape:
+            raise ConfigError("its network is its own: expected the same frames")
+        new = first_layer.new_zeros(len(first_layer), further * frame_size)
+        weights["network.0.weight"] = torch.cat((first_layer, new), 1)
+        for name in ("normalizer.mean", "normalizer.var"):
+            weights[name] = torch.cat((weights[name], weights[name][-frame_size:].repeat(further)))
 
     stateful = False
 
