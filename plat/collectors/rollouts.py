@@ -17,10 +17,20 @@ from plat.bounds import Count, check_value
 from plat.collectors.packing import as_bytes, unpacked
 from plat.entries import check_policy
 from plat.envs.transforms import pop_statistics
-from plat.errors import StateError
+from plat.errors import ConfigError, PlatError, StateError
 from plat.precision import Precision, autocast
+from plat.spec.timing import timing_of
 
-__all__ = ["ActingPolicy", "Rollouts", "gathered", "restore", "rollouts", "simulation_threads", "state_of"]
+__all__ = [
+    "ActingPolicy",
+    "Rollouts",
+    "check_timings",
+    "gathered",
+    "restore",
+    "rollouts",
+    "simulation_threads",
+    "state_of",
+]
 
 # Below this many robots a second PyTorch thread costs the physics pool more than it gains the transforms: its
 # threads spin while they wait, on cores that the pool needs.
@@ -44,7 +54,7 @@ class Rollouts(Iterator[TensorDictBase]):
             updates, the loss computes the same probability of an action as the acting policy.
 
     Raises:
-        ConfigError: for a policy that writes no ``action``.
+        ConfigError: for a policy that writes no ``action``, or is made for another timing than the environment's.
 
     >>> from plat.envs import make_tracking_env
     >>> from plat.modules import Expert
@@ -58,6 +68,7 @@ class Rollouts(Iterator[TensorDictBase]):
     def __init__(self, env: EnvBase, policy: TensorDictModuleBase, steps: int, precision: Precision = "auto"):
         check_value("rollouts: steps", steps, Count)
         check_policy(policy, "rollouts")
+        check_timings(env, policy)
         self.env = env
         self._collector = Collector(
             env,
@@ -105,6 +116,27 @@ class Rollouts(Iterator[TensorDictBase]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def check_timings(env: EnvBase, policy: TensorDictModuleBase) -> None:
+    """Raise an error for a policy that would take the times of an environment's commands for others.
+
+    Of one that does not read them, as an expert beside a student, the control step counts alone.
+
+    Raises:
+        ConfigError: saying which timing is expected.
+    """
+    if isinstance(_inner(env), BatchedEnvBase):  # whose parts are out of reach
+        return
+    try:
+        ours, theirs = timing_of(policy), timing_of(env)
+    except PlatError:  # a mixture of policies with several
+        return
+    if ours is None or theirs is None:
+        return
+    reads = any(key[0] in ("command", "clock") for key in policy.in_keys if isinstance(key, tuple))
+    if ours != theirs if reads else ours.control_dt != theirs.control_dt:
+        raise ConfigError(f"rollouts: {ours} of the policy, expected the environment's {theirs} (timing=policy.timing)")
 
 
 def gathered(env: EnvBase) -> dict[str, float]:

@@ -19,7 +19,7 @@ from torchrl.envs import EnvBase
 
 from plat import errors
 from plat.collectors.packing import packed, unpacked
-from plat.collectors.rollouts import ActingPolicy, gathered, restore, state_of
+from plat.collectors.rollouts import ActingPolicy, check_timings, gathered, restore, state_of
 from plat.errors import OutputError, PlatError
 from plat.files import is_full
 from plat.motions.library import MotionLibrary
@@ -115,13 +115,15 @@ def _environment(job: Job) -> EnvBase:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that learns, which ends its workers
     torch.set_num_threads(1)
     _worker[:] = [job]
-    library, make_env, _, _ = job.content()
+    library, make_env, policy, _ = job.content()
     if isinstance(job.random, int):
         torch.manual_seed(job.random)
     else:
         torch.set_rng_state(job.random)
     with _told(job):
-        return make_env(library, job.num_envs, num_threads=job.num_threads, device="cpu")
+        env = make_env(library, job.num_envs, num_threads=job.num_threads, device="cpu")
+        check_timings(env, policy)
+        return env
 
 
 def _policy(job: Job) -> TensorDictModuleBase:

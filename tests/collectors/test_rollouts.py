@@ -11,14 +11,15 @@ import torch
 from tensordict.nn import TensorDictModule
 from torchrl.envs import SerialEnv
 
-from plat.collectors import Rollouts, rollouts, simulation_threads
-from plat.envs import TrackingTaskConfig, make_tracking_env
+from plat.collectors import MixedPolicy, Rollouts, rollouts, simulation_threads
+from plat.envs import TrackingTaskConfig, make_keyframe_env, make_tracking_env
 from plat.envs.transforms import RandomizationRanges
-from plat.errors import StateError
-from plat.modules import Expert
+from plat.errors import ConfigError, StateError
+from plat.modules import Expert, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary, generate_motions
-from plat.objectives import autocast
+from plat.objectives import autocast, exploring
 from plat.robots import G1
+from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, TimedKeyframes, TimedKeyframesConfig
 
 
@@ -37,6 +38,32 @@ def test_each_rollout_goes_on_where_the_last_ended():
     ended, begun = first["next", "motion", "frame"][:, -1], second["motion", "frame"][:, 0]
     going = ~first["next", "done"][:, -1, 0]
     assert torch.equal(begun[going], ended[going])
+
+
+LONG = Timing(max_steps=150)
+
+
+@pytest.mark.parametrize(
+    "make_env",
+    [
+        lambda timing: make_keyframe_env(motions(), 2, timing=timing),
+        lambda timing: SimulatedTask(TimedKeyframes(motions(), TimedKeyframesConfig(chains=6), timing=timing), 2),
+    ],
+)
+def test_a_policy_is_refused_where_the_same_number_is_another_time(make_env):
+    policy = exploring(PlainPolicy(G1, PlainPolicyConfig(timing=LONG)).deployed(), 0.1)
+    with pytest.raises(ConfigError, match=r"max_steps=150.* of the policy, expected the environment's .*max_steps=50"):
+        rollouts(make_env(Timing()), policy, steps=2)
+    assert next(rollouts(make_env(LONG), policy, steps=2)).shape == (2, 2)
+
+
+def test_who_reads_no_command_may_be_made_for_others():
+    env = make_keyframe_env(motions(), 2, timing=LONG)
+    expert = Expert(G1).deployed("dense_goal")
+    assert next(rollouts(env, expert, steps=2)).shape == (2, 2)
+    # a mixture acts by its student
+    student = PlainPolicy(G1, PlainPolicyConfig(timing=LONG))
+    assert next(rollouts(env, MixedPolicy(student.sampled(), Expert(G1).labels(), 0.5), steps=2)).shape == (2, 2)
 
 
 def test_environments_side_by_side_make_as_many_steps_and_have_no_state(monkeypatch):

@@ -3,6 +3,7 @@ import re
 import signal
 import tempfile
 from collections.abc import Callable
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
@@ -16,11 +17,12 @@ from plat.collectors import Rollouts, WorkerRollouts, collect, worker
 from plat.collectors.hosts import Processes
 from plat.collectors.worker import Job, _from_folder, in_folder
 from plat.collectors.workers import _merged
-from plat.envs import make_tracking_env
+from plat.envs import make_keyframe_env, make_tracking_env
 from plat.errors import ConfigError, MotionError, OutputError, StateError, WorkerError
-from plat.modules import Expert
+from plat.modules import Expert, PlainPolicy, PlainPolicyConfig
 from plat.motions import MotionLibrary, generate_motions
 from plat.robots import G1
+from plat.spec.timing import Timing
 
 
 @cache
@@ -210,16 +212,31 @@ def test_errors_of_plat_come_out_of_a_worker(tmp_path):
         in_folder(tmp_path, motions(), broken, flailing(), "auto"), 1, 2, 3, num_threads=1, random=0, errors=tmp_path
     )
     assert job.reported() is None
-    before = signal.getsignal(signal.SIGINT), torch.get_num_threads()
-    try:
-        with pytest.raises(MotionError):
-            job.environment()
-    finally:
-        signal.signal(signal.SIGINT, before[0])
-        torch.set_num_threads(before[1])
+    with as_worker(), pytest.raises(MotionError):
+        job.environment()
     error = job.reported()
     assert isinstance(error, MotionError)
     assert str(error) == "clip 'a': too short"
+
+
+def test_a_worker_refuses_a_policy_for_another_timing(tmp_path):
+    policy = PlainPolicy(G1, PlainPolicyConfig(timing=Timing(max_steps=150))).deployed()
+    content = in_folder(tmp_path, motions(), make_keyframe_env, policy, "auto")
+    job = Job(content, 1, 2, 3, num_threads=1, random=0, errors=tmp_path)
+    with as_worker(), pytest.raises(ConfigError, match="max_steps=150"):
+        job.environment()
+    assert isinstance(job.reported(), ConfigError)
+
+
+@contextmanager
+def as_worker():
+    """What a worker does to its process, undone."""
+    before = signal.getsignal(signal.SIGINT), torch.get_num_threads()
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before[0])
+        torch.set_num_threads(before[1])
 
 
 def test_motions_are_mapped_from_their_file(tmp_path):

@@ -344,7 +344,8 @@ class KeyframeCommand(ObservationTransform):
         self._horizon = horizon
         self._schedule = schedule
         self._group = group
-        self._timing = timing
+        self.timing = timing
+        """Timing of the commands, which a policy has to have been made for."""
         self._partial = partial
         self._masks = masks
         self._whole = torch.ones(self.num_parts(robot), device=library.device)
@@ -375,10 +376,10 @@ class KeyframeCommand(ObservationTransform):
             parts,
         )
         groups = {
-            "command": as_observed("command", {"horizon": steps_left / self._timing.max_steps}),
+            "command": as_observed("command", {"horizon": steps_left / self.timing.max_steps}),
             self._group: goal,
             "parts": parts_entries(self._whole.expand(len(frame), -1) if parts is None else parts, self._library.robot),
-            "clock": clock_entries(steps_left, self._timing),
+            "clock": clock_entries(steps_left, self.timing),
         }
         return out | {(name, key): value for name, group in groups.items() for key, value in group.items()}
 
