@@ -87,6 +87,7 @@ def learn(
     if recipe.init_model:
         start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
         recipe = _shaped_like(start, recipe, library.dt)
+        _tell_strength(recipe)
     inputs = run_inputs(library, init_model=start, **weights)
     if start is not None:
         model = start
@@ -201,6 +202,15 @@ def _shaped_like(start: DynamicsModel, recipe: ImaginationRecipe, dt: float) -> 
     if recipe.model not in (DynamicsConfig(), start.config):
         raise ConfigError(f"--model.hidden is {recipe.model.hidden}, expected {layers}, the layers of {what}")
     return replace(recipe, model=start.config)
+
+
+def _tell_strength(recipe: ImaginationRecipe) -> None:
+    """Print at which strength a model was told of the robots' physics, if at another: 1 meant another mass there."""
+    assert recipe.init_model is not None
+    before = SavedRun(recipe.init_model).settings.get("disturbed")
+    if before and recipe.disturbed and before != recipe.disturbed:
+        told = f"learned with --disturbed {before:g}, and goes on with {recipe.disturbed:g}"
+        print(f"--init-model {str(recipe.init_model)!r} {told}: what it is told of the physics is on another scale")
 
 
 def simulated_task(

@@ -95,7 +95,8 @@ def draw_chains(
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none, those
-            that reach where the robot has no hands, and those that go lower where its legs are not of six joints.
+            that reach where the robot has no hands or brings none ahead, and those that go lower where its legs are
+            not of six joints.
         count: number of chains.
         families: some of :data:`CHAIN_FAMILIES`.
         seed: draws them, apart from the global generator.
@@ -128,12 +129,14 @@ def draw_chains(
         drawn = [
             family
             for family in (FAMILY_TABLE[name] for name in families)
-            if (longest >= 2 * second or not _distant(family)) and not lacking(family, library.robot, resting)
+            if (longest >= 2 * second or not _distant(family))
+            and not lacking(family, library.robot, resting)
+            and (not family.hands_ahead or _hands_come_ahead(library.robot))
         ]
         if not drawn:
             raise TaskError(
                 f"families: {', '.join(families)} start from poses at rest, which the motions have none of, need a "
-                f"longest command of {2 * second} steps, hands, or legs of six joints"
+                f"longest command of {2 * second} steps, hands that come ahead of the robot, or legs of six joints"
             )
         parts: list[tuple[ChainFamily, Tensor, Tensor, Tensor]] = []
         for number, family in enumerate(drawn[:count]):
@@ -293,16 +296,26 @@ def _arms(qpos: Tensor, robot: Robot) -> Tensor:
     return qpos
 
 
+def _hands_in_front(qpos: Tensor, robot: Robot) -> Tensor:
+    """The mask ``[*B]`` of poses ``[*B, 7 + J]`` with both hands ahead of the root and above it."""
+    places = ForwardKinematics(robot, hands_of(robot))(*_split(qpos))[0] - qpos[..., None, :3]
+    return ((places[..., 0] > AHEAD) & (places[..., 2] > 0)).all(-1)
+
+
+def _hands_come_ahead(robot: Robot) -> bool:
+    """Whether a robot has poses with both hands in front: others would be told to reach behind themselves."""
+    with torch.random.fork_rng(devices=[]):  # the chains of a seed stay as they are
+        return bool(_hands_in_front(_arms(_standing(robot, 64 * TRIES), robot), robot).any())
+
+
 def _reaching(qpos: Tensor, robot: Robot) -> Tensor:
     """The same poses ``[R, 7 + J]`` with other joints than the legs' drawn until both hands are in front.
 
     Commands of arms that are in each other teach a robot to press them together: such draws are left out, unless all of
     a pose's are of the kind.
     """
-    hands = ForwardKinematics(robot, hands_of(robot))
     tried = _arms(qpos[:, None].expand(-1, TRIES, -1), robot)
-    places = hands(*_split(tried))[0] - tried[..., None, :3]
-    in_front = ((places[..., 0] > AHEAD) & (places[..., 2] > 0)).all(-1)
+    in_front = _hands_in_front(tried, robot)
     data = mujoco.MjData(robot.shared_model)
     chosen = []
     for poses, fits in zip(tried, in_front, strict=True):

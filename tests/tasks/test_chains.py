@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -100,6 +102,15 @@ def test_hands_that_reach_are_in_front_and_in_nobodys_way(library):
         assert (places[..., 2] > qpos[:, None, 2]).all()
         inside = [self_penetration(G1.shared_model, pose.numpy(), data) for pose in qpos]
         assert sum(depth >= 0.02 for depth in inside) <= 0.02 * len(inside)  # a quarter of all draws
+
+
+def test_a_robot_whose_hands_never_come_ahead_is_not_told_to_reach(library):
+    knees = ("left_knee_link", "right_knee_link")
+    kneeling = replace(G1, name="kneeling", end_effectors=(*G1.feet, *knees))
+    library = MotionLibrary.from_clips(generate_motions("train", seconds=8), kneeling)
+    assert set(draw_chains(library, 6, ["arms", "reach", "three_point"]).family) == {"arms"}
+    with pytest.raises(TaskError, match="reach, three_point start from .* hands that come ahead"):
+        draw_chains(library, 6, ["reach", "three_point"])
 
 
 def test_partial_chains_say_what_they_command(chains):
