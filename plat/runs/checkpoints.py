@@ -1,12 +1,14 @@
 """Checkpoints of a run: written whole, with hashes, the last two kept."""
 
 import hashlib
+import pickle
 import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from torchrl.checkpoint import Checkpoint, CheckpointRotation, StateDictCheckpointAdapter
 from torchrl.checkpoint import CheckpointError as TorchRLCheckpointError
 
@@ -59,7 +61,8 @@ class Checkpoints:
         """Write a checkpoint, and remove all but the last two.
 
         Raises:
-            CheckpointError: when the disk does not take it; those that were there are intact.
+            CheckpointError: when the disk does not take it, or a component's state could not be read again; those that
+                were there are intact.
         """
         try:
             self._rotation.save(self._checkpoint, step=step)
@@ -130,8 +133,28 @@ class _HashedAdapter(StateDictCheckpointAdapter):
     def save(self, component: Any, path: Path, *, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
         state = super().save(component, path, args=args, kwargs=kwargs)
         file = path / self.state_torch
+        _check_readable(file, re.sub(r"^\d+-", "", path.name))
         file.with_name(file.name + _HASH_SUFFIX).write_text(_hash(file))
         return state
+
+
+def _check_readable(file: Path, name: str) -> None:
+    """Check that a component's file can be read again, which runs no code; the numbers of tensors are not read.
+
+    Raises:
+        CheckpointError: naming what it holds that cannot.
+    """
+    try:
+        torch.load(file, map_location="cpu", mmap=True, weights_only=True)
+    except pickle.UnpicklingError as error:
+        found = re.search(r"(?:GLOBAL|class) ([\w.]+)", str(error))
+        what = "objects" if found is None else found[1]
+        raise CheckpointError(
+            f"state {name!r}: its state_dict() holds {what}, which a run does not read again; expected tensors, "
+            "numbers and texts of Python, lists and dictionaries of these"
+        ) from None
+    except (OSError, RuntimeError):  # a disk that maps no files
+        return
 
 
 def _reason(error: Exception) -> str:

@@ -26,7 +26,7 @@ from pydantic import Field, FiniteFloat, NonNegativeInt
 from torch import nn
 from torchrl.checkpoint import GlobalRNGState
 
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, ConfigError
 from plat.files import clear_parts
 from plat.progress import percent
 from plat.runs.budget import Budget
@@ -71,7 +71,8 @@ class Run:
             subclass that :func:`plat.runs.register_policy` was given.
         budget: counts steps and time.
         state: by name, everything else that a resumed run needs (critic, optimizer, buffer, rollouts ...): objects
-            with ``state_dict`` and ``load_state_dict``. The random number generators are included.
+            with ``state_dict`` and ``load_state_dict``. The random number generators are included. States are of
+            tensors, numbers, texts, lists and dictionaries: reading them runs no code.
         inputs: fingerprints of what the run depends on beside its settings, see :func:`plat.runs.run_inputs`.
         modules: further modules whose weights are written beside the policy's, by file name.
         resume: go on from the last checkpoint in ``folder``.
@@ -87,6 +88,7 @@ class Run:
             when the policy would be loaded with other parts than it has; when another process trains into it; when
             settings, inputs or policy are others than the run was started with, except for budget and learning rates;
             or when no checkpoint can be read.
+        ConfigError: for a state that has no ``state_dict``, and one or a file that takes the place of the policy's.
     """
 
     @classmethod
@@ -108,7 +110,7 @@ class Run:
 
     def __init__(
         self,
-        folder: Path,
+        folder: str | Path,
         *,
         recipe: Any,
         policy: nn.Module,
@@ -123,6 +125,7 @@ class Run:
     ):
         for logger in loggers:
             check_logger(logger)  # checked first: a missing logger must not leave half a run behind
+        folder = Path(folder)
         self.folder = folder
         self.policy = policy
         self.budget = budget
@@ -130,10 +133,9 @@ class Run:
         self._recipe = recipe
         self._save_every = save_every
         self._film = film
-        self._modules = {WEIGHTS_FILE: policy, **(modules or {})}
-        self._checkpoints = Checkpoints(
-            folder / CHECKPOINTS, {"policy": policy, "budget": budget, "random": GlobalRNGState(), **state}
-        )
+        self._modules = _together({WEIGHTS_FILE: policy}, modules or {}, "modules")
+        own = {"policy": policy, "budget": budget, "random": GlobalRNGState()}
+        self._checkpoints = Checkpoints(folder / CHECKPOINTS, _together(own, state, "state"))
         config = plain(
             {
                 "format": FORMAT,
@@ -423,6 +425,21 @@ class Run:
     def _end_logs(self) -> None:
         for run in self._tracked:
             run.finish()
+
+
+def _together(own: Mapping[str, Any], given: Mapping[str, Any], what: str) -> dict[str, Any]:
+    """Return what a run keeps of its own and what it is given to keep.
+
+    Raises:
+        ConfigError: naming what would replace something of its own, or cannot be kept.
+    """
+    for name, kept in given.items():
+        if own.get(name, kept) is not kept:
+            raise ConfigError(f"run: {what} has {name!r}, which the run keeps itself; expected another name")
+        if not (hasattr(kept, "state_dict") and hasattr(kept, "load_state_dict")):
+            told = f"is a {type(kept).__name__}, expected an object with state_dict() and load_state_dict()"
+            raise ConfigError(f"run: {what} {name!r} {told}")
+    return {**own, **given}
 
 
 @contextmanager

@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
 from torch import nn
 
 from plat.envs import make_keyframe_env
-from plat.errors import CheckpointError
+from plat.errors import CheckpointError, ConfigError
 from plat.modules import (
     STUDENT_KEYS,
     Backbone,
@@ -84,6 +85,47 @@ def train(policy: Expert, optimizer: torch.optim.Adam) -> None:
     optimizer.zero_grad()
     loss.backward()
     optimizer.step()
+
+
+class Best:
+    """A state of one's own."""
+
+    def __init__(self, score):
+        self.score = score
+
+    def state_dict(self):
+        return {"score": self.score}
+
+    def load_state_dict(self, state):
+        self.score = state["score"]
+
+
+def begin(folder, **other) -> Run:
+    policy = Expert(G1, ExpertConfig(hidden=(8,)))
+    return Run(folder, **{"recipe": Settings(), "policy": policy, "budget": Budget(steps=10), "state": {}} | other)
+
+
+@pytest.mark.parametrize("score", [np.float64(1.5), np.ones(2), Path("best")])
+def test_a_state_that_could_not_be_read_again_is_told_when_it_is_written(tmp_path, score):
+    run = begin(str(tmp_path / "run"), state={"best": Best(score)})
+    with pytest.raises(
+        CheckpointError, match=r"state 'best': its state_dict\(\) holds .*(numpy|Path).*; expected tensors"
+    ):
+        run.save()
+    assert (tmp_path / "run" / "model.safetensors").exists()
+
+
+def test_what_a_run_keeps_has_a_state_and_replaces_nothing_of_its_own(tmp_path):
+    for kept, message in (
+        ({"state": {"rate": 1e-3}}, "state 'rate' is a float, expected an object with state_dict"),
+        ({"state": {"policy": nn.Linear(1, 1)}}, "state has 'policy', which the run keeps itself"),
+        ({"modules": {"model.safetensors": nn.Linear(1, 1)}}, "modules has 'model.safetensors', which the run keeps"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            begin(tmp_path / "run", **kept)
+        assert not (tmp_path / "run").exists()
+    policy = Expert(G1, ExpertConfig(hidden=(8,)))
+    begin(tmp_path / "run", policy=policy, state={"policy": policy, "best": Best(1.5)}).save()
 
 
 def test_a_resumed_run_goes_on_as_if_nothing_had_happened(tmp_path):
