@@ -153,12 +153,14 @@ def state_of(collector: Collector) -> dict[str, Any]:
     Raises:
         StateError: for environments side by side, whose robots' states are out of reach.
     """
-    env, base = collector.env, _base_of(collector.env)
-    state = {
+    layers, base = _layers(collector.env), _base_of(collector.env)
+    state: dict[str, Any] = {
         "observation": collector._carrier.to_dict(),
-        "transforms": env.state_dict() if base is not env else {},
+        "transforms": layers[0].state_dict() if layers else {},
         "robots": base.state_dict(),
     }
+    if layers[1:]:
+        state["inner_transforms"] = [layer.state_dict() for layer in layers[1:]]
     return copy.deepcopy(state)  # transforms go on writing into their tensors
 
 
@@ -177,8 +179,8 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
         names = sorted(name if isinstance(name, str) else ".".join(name) for name in absent)
         raise StateError(f"rollouts: a state without {', '.join(names[:5])}, by another version of plat")
     base.load_state_dict(state["robots"])
-    if base is not env:
-        env.load_state_dict(state["transforms"])
+    for layer, values in zip(_layers(env), [state["transforms"], *state.get("inner_transforms", ())], strict=False):
+        layer.load_state_dict(values)
     # numbers of its own, which a collector in a worker has and one in this process has not
     own = carrier.get("collector", None)
     seen = {"collector": own, **state["observation"]}
@@ -188,8 +190,18 @@ def restore(collector: Collector, state: Mapping[str, Any]) -> None:
     collector._carrier = observation if carrier.device is not None else observation.clear_device_()
 
 
+def _layers(env: EnvBase) -> list[TransformedEnv]:
+    """Return the environments of transforms around one, the outermost first; TorchRL may leave them nested."""
+    layers: list[TransformedEnv] = []
+    while isinstance(env, TransformedEnv):
+        layers.append(env)
+        env = env.base_env
+    return layers
+
+
 def _inner(env: EnvBase) -> EnvBase:
-    base: EnvBase = env.base_env if isinstance(env, TransformedEnv) else env
+    layers = _layers(env)
+    base: EnvBase = layers[-1].base_env if layers else env
     return base
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
-from torchrl.envs import SerialEnv
+from torchrl.envs import RewardSum, SerialEnv, TransformedEnv
 
 from plat.collectors import MixedPolicy, Rollouts, rollouts, simulation_threads
 from plat.envs import TrackingTaskConfig, make_keyframe_env, make_tracking_env
@@ -64,6 +64,30 @@ def test_who_reads_no_command_may_be_made_for_others():
     # a mixture acts by its student
     student = PlainPolicy(G1, PlainPolicyConfig(timing=LONG))
     assert next(rollouts(env, MixedPolicy(student.sampled(), Expert(G1).labels(), 0.5), steps=2)).shape == (2, 2)
+
+
+def test_transforms_around_transforms_are_gathered_and_resumed():
+    def make():
+        config = TrackingTaskConfig(randomization=RandomizationRanges())
+        return TransformedEnv(make_tracking_env(motions(), 2, config), RewardSum(), auto_unwrap=False)
+
+    policy = exploring(Expert(G1).deployed(), 0.3)
+    source, other = rollouts(make(), policy, steps=5), rollouts(make(), policy, steps=5)
+    next(source)
+    assert "reward/anchor_pos" in source.statistics()
+    state, random = source.state_dict(), torch.get_rng_state()
+    wanted = next(source)
+    other.load_state_dict(state)
+    torch.set_rng_state(random)
+    found = next(other)
+    for key in (("robot", "joint_pos"), ("next", "reward"), ("next", "episode_reward")):
+        assert torch.equal(found[key], wanted[key]), key
+
+
+def test_one_transform_around_environments_side_by_side_gathers_nothing():
+    with rollouts(TransformedEnv(SerialEnv(2, small_env), RewardSum()), Expert(G1).actor(), steps=2) as source:
+        next(source)
+        assert source.statistics() == {}
 
 
 def test_environments_side_by_side_make_as_many_steps_and_have_no_state(monkeypatch):

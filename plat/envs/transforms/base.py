@@ -6,7 +6,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Composite, Unbounded
-from torchrl.envs import Transform, TransformedEnv
+from torchrl.envs import EnvBase, Transform, TransformedEnv
 
 from plat.envs.broken import BrokenRobots
 from plat.errors import TaskError
@@ -49,11 +49,14 @@ def pop_statistics(env: TransformedEnv) -> dict[str, float]:
     ``broken`` counts the robots that were terminated for an absurd action or a diverged simulation, if there were any.
     """
     means: dict[str, float] = {}
-    for transform in env.transform:
-        statistics = getattr(transform, "statistics", None)
-        if isinstance(statistics, Statistics):
-            means.update(statistics.pop())
-    broken = getattr(env.base_env, "broken", None)
+    inner: EnvBase = env
+    while isinstance(inner, TransformedEnv):
+        for transform in inner.transform.modules():
+            statistics = getattr(transform, "statistics", None)
+            if isinstance(statistics, Statistics):
+                means.update(statistics.pop())
+        inner = inner.base_env
+    broken = vars(inner).get("broken")
     if isinstance(broken, BrokenRobots) and (count := broken.pop()):
         means["broken"] = float(count)
     return means
