@@ -87,6 +87,9 @@ class PPO:
         config: hyperparameters.
         action_key: the entry that the actor's distribution is over.
 
+    Raises:
+        ConfigError: for an actor or a critic of another kind.
+
     Source: Schulman et al., arXiv 1707.06347; Rudin et al., arXiv 2109.11978, for the learning rate.
     """
 
@@ -98,6 +101,11 @@ class PPO:
         config: PPOConfig | None = None,
         action_key: str = "action",
     ):
+        if not isinstance(actor, ProbabilisticTensorDictSequential):
+            raise ConfigError(
+                f"PPO: actor is a {type(actor).__name__}, expected a ProbabilisticTensorDictSequential, as a policy's "
+                "head() is"
+            )
         if not isinstance(critic, TensorDictModuleBase):
             raise ConfigError(f"PPO: critic is a network {type(critic).__name__}, expected a module of a TensorDict")
         check_value("PPO: config", config, PPOConfig | None)

@@ -257,6 +257,12 @@ def test_actions_may_be_bounded():
     assert (action + x).abs().max() < 0.25
 
 
+def test_the_policy_that_collects_is_not_the_head_that_learns():
+    policy, critic = ResidualLatentPolicy(LatentPolicy(G1, SMALL)), Critic(G1, STUDENT_KEYS, (8,))
+    with pytest.raises(ConfigError, match=r"PPO: actor is a TensorDictSequential, .*, as a policy's head\(\) is"):
+        PPO(policy.actor(), critic.head(), critic.observe())
+
+
 def test_a_distribution_that_is_no_gaussian_is_refused_before_an_update():
     toy = Toy(bounded(TruncatedNormal))
     before = [parameter.clone() for parameter in toy.actor.parameters()]
