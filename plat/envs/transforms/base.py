@@ -130,7 +130,12 @@ class ObservationTransform(Transform):
             return self._call(tensordict_reset)
         rows = mask.view(-1).nonzero()[:, 0]
         part = tensordict_reset.select(*self.in_keys)[rows]
-        for key, value in self.compute(part).items():
+        try:
+            computed = self.compute(part)
+        except KeyError as error:  # after a step it finds the other entries as well
+            told = f"{type(self).__name__} reads an entry that its in_keys do not name: {error.args[0]}"
+            raise TaskError(told) from error
+        for key, value in computed.items():
             # the other rows are never looked at: the caller merges by the mask
             full = value.new_empty(len(mask), *value.shape[1:])
             tensordict_reset.set(key, full.index_copy_(0, rows, value))

@@ -1,7 +1,9 @@
+import pytest
 import torch
 from tensordict import TensorDict
 
 from plat.envs.transforms import ObservationTransform, Statistics
+from plat.errors import TaskError
 
 
 class Double(ObservationTransform):
@@ -28,6 +30,17 @@ def test_whole_resets_and_steps_compute_all_rows():
     transform._reset(TensorDict({}, [3]), data.clone())
     transform._step(data, data.clone())
     assert transform.seen == [3, 3]
+
+
+def test_an_entry_that_in_keys_do_not_name_is_told_where_a_part_is_reset():
+    class Other(Double):
+        def compute(self, tensordict):
+            return {("group", "twice"): 2 * tensordict["y"]}
+
+    data = TensorDict({"x": torch.ones(2, 2), "y": torch.ones(2, 2)}, [2])
+    mask = TensorDict({"_reset": torch.tensor([[True], [False]])}, [2])
+    with pytest.raises(TaskError, match=r"Other reads an entry that its in_keys do not name: .*\"y\""):
+        Other()._reset(mask, data)
 
 
 def test_statistics_weigh_elements_alike():
