@@ -72,7 +72,7 @@ def test_its_names_are_its_own(toy):
 
 def test_nothing_is_asked_of_hands_that_it_lacks(motions):
     assert set(draw_chains(motions, 4, ["steps", "reach"]).family) == {"steps"}
-    with pytest.raises(TaskError, match="hands, or legs"):
+    with pytest.raises(TaskError, match="hands that come ahead of the robot, or legs"):
         draw_chains(motions, 4, ["reach", "three_point"])
     families = {chain.family for chain in author_families(motions.robot, motions, 1)}
     assert families == {"hold", "arms", "poses", "steps", "waypoint", "far"}

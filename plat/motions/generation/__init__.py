@@ -84,7 +84,7 @@ def generate_motions(
     if robot.joint_names != G1.joint_names:
         raise RobotError(
             f"robot {robot.name!r}: motions are generated for the joints of the G1 only, expected motion files "
-            "of this robot (--motions), or none where --keyframes are enough"
+            "of this robot, or keyframes where these are enough"
         )
     solver = Solver(WholeBody(robot))
     clips: list[MotionClip] = []
