@@ -1,7 +1,7 @@
 """One robot chases timed keyframes in plain MuJoCo, a control step at a time.
 
-The same loop plays a file of keyframes (``plat play``), runs live under a user's hands, and compares an exported
-policy with the one that it was exported from. This interface is stable::
+The same loop plays a file of keyframes (``plat play``), runs live in the studio, and compares an exported policy with
+its original. This interface is stable::
 
     simulator = Simulator(robot.model())
     chase = Chase(PolicyController(policy, robot), sequence, simulator)

@@ -1,8 +1,8 @@
 """Feasibility of keyframes: what a robot cannot do, measured before it tries.
 
 The measures are necessary conditions on poses and times, without dynamics in between. A keyframe that passes all of
-them may still be out of reach; one that fails is, or can only be approached, by a robot that comes to rest in every
-keyframe. Where it runs through them it needs less speed, and no such acceleration.
+them may still be out of reach. One that fails is out of reach, or can only be approached, for a robot that comes to
+rest in every keyframe. A robot that moves through them needs less speed, and no such acceleration.
 """
 
 from collections.abc import Sequence

@@ -44,10 +44,10 @@ FELL: Outcome = "fell"
 class KeyframeScore:
     """Score of a keyframe.
 
-    A keyframe is *reached* when the robot is near enough at its arrival, within the limits of TKS@3 at each step of the
-    arrival window, and has not lain down on the way. Near enough: the root within 0.2 m and the joints within 0.2 rad
-    on average; of a partial keyframe all that it commands (:class:`plat.control.ReachLimits`). If it lay down, it
-    *fell*; else the keyframe is *late or off*.
+    A keyframe is *reached* if the robot is near enough at its arrival, meets TKS@3 at each step of the arrival window,
+    and has not fallen on the way. Near enough: the root within 0.2 m and the joints within 0.2 rad on average; for a
+    partial keyframe all that it commands (:class:`plat.control.ReachLimits`). If the robot fell, it is *fell*; else the
+    keyframe is *late or off*.
 
     Args:
         index: its number in the sequence.

@@ -32,8 +32,8 @@ def play_authored(
 ) -> list[Playback]:
     """Return a playback of a policy for each chain; the hold is one more command, which arrives at its end.
 
-    A command has failed as in the scores: where the robot is off in its window or not near enough at its arrival, or
-    has fallen by then, was given an absurd action, or its simulation diverged. The hold fails by its end, and has no
+    A command fails as in the scores: the robot is off in its window, is not near enough at its arrival, or has fallen
+    by then. An absurd action or a diverged simulation fails it as well. The hold is judged at its end, and has no
     window.
 
     Args:

@@ -265,9 +265,9 @@ def author_families(
 ) -> list[Authored]:
     """Return ``count`` chains of every authored family that a policy of a timing can be given.
 
-    Left out is ``far3s`` when the longest command is shorter than its 3 s. Families that the motions or the robot lack
-    something for (:func:`plat.keyframes.chain_needs.lacking`), and those whose poses the robot cannot take, are as
-    well, and a line says so.
+    ``far3s`` is left out when the longest command is shorter than its 3 s. So are families for which motions or robot
+    lack something (:func:`plat.keyframes.chain_needs.lacking`), or whose poses the robot cannot take; a log line says
+    so.
 
     Args:
         robot: whose keyframes they are.

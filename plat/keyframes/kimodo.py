@@ -1,7 +1,7 @@
 """Constraints of Kimodo and ARDY: keyframes of the whole body on the robot, read and written.
 
-Source: nv-tlabs/kimodo, ``docs/source/user_guide/constraints.md``: a list of objects, of which those of type
-``fullbody`` hold local rotations as axis times angle and places of the root, y up, at frames of 30 a second.
+Source: nv-tlabs/kimodo, ``docs/source/user_guide/constraints.md``. The file is a list of objects. Those of type
+``fullbody`` hold local rotations as axis times angle, and positions of the root, y up, at 30 frames a second.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Keyframes of MuJoCo's model files: ``<key>`` elements, read and written.
 
-Source: MuJoCo's XML reference, ``keyframe``. The positions of a key are those of all joints in the order of the model,
-a free joint with seven numbers; angles are in radians whatever the compiler says.
+Source: MuJoCo's XML reference, ``keyframe``. A key's positions are those of all joints in the model's order, with seven
+numbers for a free joint. Angles are in radians whatever the compiler settings.
 """
 
 from __future__ import annotations

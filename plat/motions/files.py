@@ -192,9 +192,9 @@ def load_motions(
 
     Formats: plat ``.npz``; tables (``.csv``) of root and joints, with or without names; the ``.npz`` of BeyondMimic,
     mjlab, holosoma, HDMI, SOMA, Kimodo, ARDY, loco-mujoco and Isaac Lab's AMP; the ``.pkl`` of GMR, TWIST2, ASAP and
-    PBHC, of which no code is run; human ``.bvh``, ``.amc`` and joint positions in ``.npz``, retargeted. What was
-    assumed or detected is logged under ``plat.motions``, and stands in the ``notes`` of each clip. A bad file in a
-    folder is named there and skipped.
+    PBHC, whose code is not run; human ``.bvh``, ``.amc`` and joint positions in ``.npz``, retargeted. What was assumed
+    or detected is logged under ``plat.motions``, and listed in the ``notes`` of each clip. A bad file in a folder is
+    named in the log and skipped.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.

@@ -40,8 +40,8 @@ def touches_floor(model: mujoco.MjModel) -> np.ndarray:
 def visual_groups(model: mujoco.MjModel) -> tuple[int, ...]:
     """Return the groups of the geoms that are drawn of a robot.
 
-    Group 2, where a robot has geoms in it, as those of MuJoCo Menagerie do. Else 0 and 1, which are what the compiler
-    of MuJoCo makes of a URDF; and all of them of a robot whose geoms are in others alone.
+    Group 2 if the robot has geoms in it, as in MuJoCo Menagerie. Else 0 and 1, which MuJoCo's compiler makes of a URDF.
+    All groups if the robot's geoms are in others alone.
 
     >>> from plat.robots import G1
     >>> visual_groups(G1.shared_model)

@@ -73,8 +73,8 @@ def sole_points(robot: Robot, model: mujoco.MjModel) -> SolePoints:
 def touching_points(robot: Robot, model: mujoco.MjModel) -> list[_Floats]:
     """Return the points of each foot that touch a level floor when the foot is flat ``[P, 3]`` (m, foot's frame).
 
-    Down is the axis of the foot's frame that points down in the default pose; of a foot whose frame is turned against
-    its sole, what is down there. Of each geom those points are taken that are as low as its lowest.
+    Down is the axis of the foot's frame that points down in the default pose. If that frame is tilted against the sole,
+    it is the vertical of the default pose. From each geom, the points as low as its lowest are taken.
 
     Raises:
         RobotError: as :func:`sole_points`.

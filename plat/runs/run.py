@@ -61,8 +61,8 @@ class _Finished:
 class Run:
     """Writer of a training run into a directory, from which it can be resumed.
 
-    A resumed run ends as if it had never been interrupted, where ``state`` holds all that the next iteration depends on
-    and the budget is in steps. Use it as a context: Ctrl-C then stops after the iteration, with a checkpoint.
+    A resumed run ends as if it had never been interrupted, if the budget is in steps and ``state`` holds all that the
+    next iteration depends on. Use it as a context: Ctrl-C then stops after the iteration, with a checkpoint.
 
     Args:
         folder: the directory.

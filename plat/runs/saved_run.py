@@ -196,10 +196,10 @@ class SavedRun:
     def scores(self) -> tuple[RunScore, ...] | None:
         """Return the policy's scores from ``evaluation.csv`` in the directory or beside it; None where there are none.
 
-        In a table with several policies, rows are matched by the directory's name, or by the run's original name; in
-        one beside it only where no other run has that name now. A table in the directory that holds a single policy
-        belongs to this run, whatever its name. Rows of other than the usual conditions, such as partial keyframes, are
-        left out.
+        In a table with several policies, rows are matched by the directory's name, or by the run's original name. In a
+        table beside the directory, the original name counts only if no other run has it now. A table in the directory
+        that holds a single policy belongs to this run, whatever its name. Rows of other than the usual conditions, such
+        as partial keyframes, are left out.
         """
         own = _read_scores(self.folder / SCORES_FILE)
         shared = _read_scores(self.folder.resolve().parent / SCORES_FILE)

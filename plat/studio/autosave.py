@@ -22,8 +22,8 @@ _AT_LATEST = 15.0
 class Autosave:
     """Copy of the keyframes in a file of its own, written some seconds after an edit.
 
-    It writes over no file, and deletes none, but the one that it wrote or that was restored, and that only while it is
-    as it was left: another studio may use the same folder.
+    It overwrites and deletes only the file that it wrote or that was restored, and only if that is unchanged since:
+    another studio may use the same folder.
 
     Args:
         session: whose keyframes they are.

@@ -30,8 +30,8 @@ class Timeline:
     A keyframe can be held: the robot stays in it until ``time + hold``. Its interval is the time from the end of the
     previous pose to its arrival. Inserting, removing and stretching keep all intervals and move later keyframes.
 
-    Intervals are whole control steps. Those that are longer than a policy's longest command are split when it plays
-    them, see :meth:`sequence`, so that other than being empty there is nothing that cannot be played.
+    Intervals are whole control steps. Those longer than a policy's longest command are split when it plays them, see
+    :meth:`sequence`. So every timeline can be played unless it is empty.
 
     Args:
         robot: whose keyframes they are.

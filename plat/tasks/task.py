@@ -20,10 +20,10 @@ __all__ = ["Task", "of_each", "remembered", "robot_entries", "started"]
 class Task(nn.Module):
     """A task of N robots: where episodes start, what a policy sees, when commands follow, what a step costs.
 
-    All is a function of the robots' :class:`plat.envs.GeneralizedState` ``[*N]`` and of the task's memory, a TensorDict
-    ``[N]`` with at least the ``last_action`` ``[N, J]``. :class:`plat.tasks.SimulatedTask` runs it on simulated robots,
-    :class:`plat.objectives.ImaginationLoss` on imagined ones. In both a control step is :meth:`observe`, the policy,
-    the robot's motion, :meth:`advance`, :meth:`cost` and :meth:`renew`.
+    Everything is a function of the robots' :class:`plat.envs.GeneralizedState` ``[*N]`` and of the task's memory. That
+    is a TensorDict ``[N]`` with at least the ``last_action`` ``[N, J]``. :class:`plat.tasks.SimulatedTask` runs the
+    task on simulated robots, :class:`plat.objectives.ImaginationLoss` on imagined ones. In both a control step is
+    :meth:`observe`, the policy, the robot's motion, :meth:`advance`, :meth:`cost` and :meth:`renew`.
 
     A subclass defines :meth:`start`, :meth:`observe` and :meth:`cost`, and what it needs of the rest. :meth:`cost` and
     :meth:`observe` are differentiable in the state. :meth:`advance` and :meth:`renew` are given copies of the memory,

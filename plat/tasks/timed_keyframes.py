@@ -38,14 +38,14 @@ _BEHIND = 8.0
 
 
 class TimedKeyframes(Task):
-    """Stages 2 and 3 at once: keyframes out of motions and authored ones, each with the time to be there.
+    """Stages 2 and 3 at once: keyframes from motions and authored ones, each with its time.
 
     The policy sees what it sees in :func:`plat.envs.make_keyframe_env`: the groups ``"robot"``, ``"goal"`` and
-    ``"command"``, and if it asks for them ``"parts"`` and ``"clock"``. Where a command is from a motion, a step costs
-    the distance from that motion, which the policy does not see, and in the arrival window that from the keyframe as
-    well. An authored keyframe has no reference: before its window it costs a share of the distance from the straight
-    line to it, and height and speeds a little. Where that line leads through the robot itself, it is bent, around the
-    arms, and its pull is stronger.
+    ``"command"``, and if it asks for them ``"parts"`` and ``"clock"``. Where a command comes from a motion, a step
+    costs the distance from that motion, which the policy does not see. In the arrival window it costs the distance from
+    the keyframe as well. An authored keyframe has no reference: before its window it costs a share of the distance from
+    the straight line to it, and height and speeds a little. Where that line leads through the robot itself, it is bent,
+    around the arms, and its pull is stronger.
 
     A share of the commands are partial keyframes. Along a motion the cost of what a partial keyframe leaves open is
     still the distance from the motion, as a weaker pull. A robot that was free to go elsewhere goes on from there: the

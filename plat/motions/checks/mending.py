@@ -40,9 +40,9 @@ def mend_motion(clip: MotionClip, robot: Robot = G1, limits: ValidationLimits | 
     """Return a clip with what :func:`validate_motion` asks for repaired, and everything else as it was.
 
     Ends with a jump are trimmed, single-frame steps smoothed, angles clipped to limits, and feet put on the floor: all
-    frames alike if that is enough, else after a floor that drifts. A repair that leaves as much to repair as before, by
-    what is wrong and by how much, makes the verdict worse, or lifts standing feet off the floor for the sake of a hand
-    under it, is not kept.
+    frames alike if that is enough, else following a floor that drifts. A repair is kept only if less is left to repair,
+    in kind or amount, and the verdict is no worse. It must not lift standing feet off the floor because a hand is under
+    it.
 
     Args:
         clip: a motion.

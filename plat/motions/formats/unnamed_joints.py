@@ -46,9 +46,9 @@ def without_wrists(robot: Robot) -> list[str]:
 def unnamed_joints(angles: np.ndarray, robot: Robot, field: str) -> list[str]:
     """Return the joints that columns ``[T, n]`` are, in their order.
 
-    All joints stand in the robot's order. 23 joints of a G1 are either those of the one with 29 but its wrists, or
-    those of the smaller one, which has of the waist the yaw alone and of the wrists the rolls, in the robot's order or
-    another usual one, and with either side first; the poses tell.
+    All joints are in the robot's order. 23 joints of a G1 are either the 29 without the wrists, or those of the smaller
+    G1, which has only waist yaw and wrist rolls. The order may be the robot's or another common one, with either side
+    first. The poses tell which.
 
     Raises:
         MotionError: for another number of joints.

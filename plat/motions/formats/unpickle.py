@@ -1,9 +1,9 @@
 """Reads the data in a pickle and never runs what else it says.
 
 A pickle is a program for a small stack machine, and ``pickle.load`` lets that program import and call anything. Here it
-is interpreted by code that knows plain containers, numbers, strings and NumPy arrays, and to which a name such as
-``os.system`` is a string that it refuses. Nothing is imported or called on behalf of the file, what is built takes no
-more memory than a small multiple of the file, and nothing here walks through a container of containers.
+is interpreted by code that knows only plain containers, numbers, strings and NumPy arrays. A name such as ``os.system``
+is just a string, which it refuses. Nothing is imported or called on behalf of the file. The result takes at most a
+small multiple of the file's memory, and nothing here walks through nested containers.
 
 Source: the opcodes are those of ``pickletools``. joblib stores an array as a ``NumpyArrayWrapper`` that describes it,
 followed in the stream by padding and the array's bytes.

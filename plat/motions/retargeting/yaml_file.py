@@ -16,8 +16,8 @@ MAX_BYTES = 64 << 10
 def read_yaml(path: Path, label: str) -> Any:
     """Return the content of a YAML file: objects, lists, and texts for everything else.
 
-    Python's usual reader follows references, of which a few lines make a thousand million, takes the last of two equal
-    names, and stumbles over dates and numbers. Here these are texts or errors.
+    The usual YAML reader for Python expands references, of which a few lines make a billion. It also takes the last of
+    two equal names, and converts dates and numbers. Here these are texts or errors.
 
     Args:
         path: the file.
