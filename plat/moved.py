@@ -82,8 +82,8 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
         assert spec.origin is not None
-        goes_with = "0.4" if spec.name in _OF_0_2 else "0.3"
-        message = f"{spec.name} is now {spec.origin}; the old name goes with version {goes_with}"
+        removed_in = "0.4" if spec.name in _OF_0_2 else "0.3"
+        message = f"{spec.name} is now {spec.origin}; the old name is removed in version {removed_in}"
         warnings.warn(message, FutureWarning, stacklevel=2)
         module = importlib.import_module(spec.origin)
         spec.loader_state = module.__spec__
@@ -112,7 +112,7 @@ def moved_name(package: str, name: str) -> object:
     if name not in MOVED_NAMES[package]:
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     new = MOVED_NAMES[package][name]
-    warnings.warn(f"{package}.{name} is now {new}.{name}; the old name goes with version 0.3", FutureWarning, 3)
+    warnings.warn(f"{package}.{name} is now {new}.{name}; the old name is removed in version 0.3", FutureWarning, 3)
     return getattr(importlib.import_module(new), name)
 
 

@@ -108,7 +108,7 @@ class ExpertRecipe(RecipeConfig):
     presets = {name: preset["expert"] for name, preset in PRESETS.items()}
 
     init: Path | None = None
-    """run whose expert to go on from, in its shape, or in that of --policy, which holds more"""
+    """run whose expert to start from, in its shape or in the larger one of --policy"""
     init_lr: Positive = 3e-5
     """with --init: upper bound on the initial and the minimum learning rate"""
     rollout: Rollout = 24
@@ -148,7 +148,7 @@ class DistillRecipe(RecipeConfig):
     student: Literal["latent", "plain"] = "latent"
     """with the privileged latent, or the ablation without"""
     init: Path | None = None
-    """run whose student to go on from, in its shape, or in that of --policy, which holds more"""
+    """run whose student to start from, in its shape or in the larger one of --policy"""
     policy: LatentPolicyConfig = field(default_factory=LatentPolicyConfig)
     task: DistillationTaskConfig = field(default_factory=DistillationTaskConfig)
     horizon: Literal["single", "short", "medium", "long", "mixed", "distant", "all"] = "mixed"
@@ -160,11 +160,11 @@ class DistillRecipe(RecipeConfig):
     batch_size: Count = 2048
     """states a gradient step"""
     buffer_size: Count = 200_000
-    """states that are kept"""
+    """states in the replay buffer"""
     save_buffer: bool = True
-    """keep these states in checkpoints; without, a resumed run gathers them anew and differs"""
+    """keep these states in checkpoints; otherwise a resumed run collects new ones and differs"""
     stride: Count = 5
-    """keep every so-many-th frame of the privileged goal sequence"""
+    """keep every n-th frame of the privileged goal sequence"""
     prior_weight: NonNegative = 1.0
     """lambda_p: weight of imitation through the prior"""
     beta: NonNegative = 0.01
@@ -174,7 +174,7 @@ class DistillRecipe(RecipeConfig):
     free_bits: NonNegative = 0.0
     """divergence of each latent dimension that is free (nats)"""
     expert_share: Fraction = 0.5
-    """share of the steps that the expert takes at the start"""
+    """share of the steps in which the expert acts, at the start"""
     expert_until: Share = 0.2
     """share of the budget over which that falls to 0"""
     lr: Positive = 1e-3
@@ -207,7 +207,7 @@ class RefineRecipe(RecipeConfig):
     presets = {name: preset["refine"] for name, preset in PRESETS.items()}
 
     student: Path
-    """run of stage 2, or one of its student fine-tuned, to go on from"""
+    """run to start from: of stage 2, or of its student fine-tuned"""
     variant: Literal["latent", "latent-noise", "action", "finetune"] = "latent"
     """latent: PLAT; latent-noise: exploration in the latent; action, finetune: ablations"""
     policy: RefinementConfig = BEST["refine"]["policy"]
@@ -240,15 +240,15 @@ class ImaginationRecipe(RecipeConfig):
     """What both recipes of imagination have."""
 
     init_model: Path | None = None
-    """run whose model of the robot to go on from"""
+    """run whose model of the robot to start from"""
     rollout: Rollout = 8
     """control steps of each robot between updates"""
     noise: NonNegative = 0.25
     """standard deviation of the exploration noise, in units of action"""
     replay: Count = 600
-    """control steps of each robot that are kept"""
+    """control steps of each robot in the replay buffer"""
     save_replay: bool = True
-    """keep these steps in checkpoints; without, a resumed run gathers them anew and differs"""
+    """keep these steps in checkpoints; otherwise a resumed run collects new ones and differs"""
     overlap: bool = False
     """simulate, and learn the model, in processes beside the policy's (on a CPU)"""
     disturbed: Fraction = 0.0
@@ -313,7 +313,7 @@ class ExpertModelRecipe(ImaginationRecipe):
     name = "expert-model"
 
     init: Path | None = None
-    """run whose expert to go on from, in its shape, or in that of --policy, which holds more"""
+    """run whose expert to start from, in its shape or in the larger one of --policy"""
     policy: ExpertConfig = ExpertConfig(action="reference_velocity", ahead=(1, 2, 5, 10))
     costs: TrackingCosts = TrackingCosts()
     """weights of the distances from the reference"""
@@ -335,7 +335,7 @@ class ImagineRecipe(ImaginationRecipe):
     student: Literal["plain", "latent"] = "plain"
     """without a latent, or through the prior's mean"""
     init: Path | None = None
-    """run whose student to go on from, in its shape, or in that of --policy, which holds more"""
+    """run whose student to start from, in its shape or in the larger one of --policy"""
     posterior: Fraction = 0.0
     """share of the imagined robots that act through the privileged posterior (--student latent)"""
     beta: NonNegative = 0.002
@@ -363,7 +363,7 @@ class RefineModelRecipe(ImaginationRecipe):
     name = "refine-model"
 
     student: Path
-    """run of stage 2, or one of its student fine-tuned, to go on from"""
+    """run to start from: of stage 2, or of its student fine-tuned"""
     variant: Literal["latent", "action", "finetune"] = "latent"
     """latent: residual in the latent; action: residual on the action; finetune: all weights"""
     policy: RefinementConfig = field(default_factory=RefinementConfig)
@@ -398,11 +398,11 @@ class Training(Bounded):
     refine_steps: Count = 3_000_000
     """environment steps of each refined policy (stage 3)"""
     imagine_steps: Count = 1_500_000
-    """environment steps of each imagined policy, which learns from each of them for longer"""
+    """environment steps of each imagined policy, which trains longer on each step"""
     seeds: Annotated[tuple[Seed, ...], NotEmpty()] = (0, 1, 2)
     """training seeds of the refined policies; the others are trained with the first"""
     num_envs: Robots = 512
-    """robots that are simulated at a time"""
+    """robots simulated at a time"""
     cpus: Count = 2
     """with --ray: CPUs of each training"""
 
@@ -435,7 +435,7 @@ class DemoRecipe(Bounded):
     refine_minutes: Positive = 1.3
     """training time of stage 3"""
     num_envs: Robots = 512
-    """robots that are simulated at a time"""
+    """robots simulated at a time"""
     seed: Seed = 0
     """seeds everything that is drawn"""
 

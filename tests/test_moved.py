@@ -35,7 +35,7 @@ def test_one_warning_says_where_a_module_is_and_until_when(old: str, new: str, v
         alias = importlib.import_module(old)
     # packages above it have warnings of their own
     assert [str(one.message) for one in warned if new in str(one.message)] == [
-        f"{old} is now {new}; the old name goes with version {version}"
+        f"{old} is now {new}; the old name is removed in version {version}"
     ]
     assert alias is importlib.import_module(new)
 

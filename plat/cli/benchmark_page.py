@@ -195,7 +195,7 @@ def _section(name: str, study: Study, folder: Path, pictures: str, about: dict[s
         parts += [f"### {name}: robustness\n", told, *shown("robustness")]
         parts += [study.curve_table(one) for one in dict.fromkeys(point.disturbance for point in study.curves)]
     if study.interfaces:
-        told = f"Dense trackers at {main.capitalize()}, by how they are told of their keyframe.\n"
+        told = f"Dense trackers at {main.capitalize()}, by how they are shown their keyframe.\n"
         parts += [f"### {name}: interfaces\n", told, overview(study.interfaces) + "\n"]
     return "\n".join(parts)
 

@@ -28,7 +28,7 @@ __all__ = ["Loaded", "candidates_of", "trackers_of"]
 Loaded: TypeAlias = dict[tuple[str, Path], Any]
 """Policies by name of a released tracker, or an empty one, and path."""
 
-# of what is shown keyframes or a reference; records of those do not depend on how trackers are told of a keyframe
+# of what is shown keyframes or a reference; records of those do not depend on how trackers are shown a keyframe
 _NO_INTERFACE: tuple[Interface, ...] = ("next-frame",)
 
 
@@ -50,7 +50,7 @@ def candidates_of(
         trackers: further released trackers.
         device: of the policies.
         dense: show the reference motion in place of keyframes.
-        interfaces: how dense trackers are told of a keyframe.
+        interfaces: how dense trackers are shown a keyframe.
         robot: of bundles.
         loaded: policies of an earlier call, which are not loaded again; those that are loaded now are added.
         lists: by option, what was given to those that take several: runs that stand after one are among it.

@@ -73,7 +73,7 @@ class ScoringConfig(Bounded):
     seed: Seed = 0
     """draws the commands, and the disturbances"""
     num_envs: Robots = 256
-    """robots that are simulated at a time; no score depends on it"""
+    """robots simulated at a time; no score depends on it"""
     wandb: bool = False
     """log table and figures to Weights & Biases; offline unless you are logged in"""
     trackio: bool = False
@@ -81,11 +81,11 @@ class ScoringConfig(Bounded):
     workers: Natural = 0
     """processes to spread motions over, 0 for one a core; the figures do not depend on it"""
     device: str = "auto"
-    """where networks and tensors live, "cuda" where there is one"""
+    """device of networks and tensors; by default "cuda" where there is one"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
     @property
     def loggers(self) -> tuple[LoggerName, ...]:
@@ -106,7 +106,7 @@ class EvaluateRecipe(ScoringConfig):
     dense: bool = False
     """show policies the reference instead of the keyframe: how well a dense tracker tracks"""
     interface: Annotated[tuple[Interface, ...], NotEmpty()] = ("next-frame",)
-    """how dense trackers are told of a keyframe; with several, the table has each"""
+    """how dense trackers are shown a keyframe; with several, the table has each"""
     whole_clips: tuple[RuleName, ...] = ()
     """success rules to judge whole clips by, each followed once from its first frame"""
     manifest: tuple[Path, ...] = ()
@@ -116,7 +116,7 @@ class EvaluateRecipe(ScoringConfig):
     robustness: tuple[DisturbanceName, ...] = ()
     """disturbances of growing strength: TKS@3 against each"""
     out: Path | None = None
-    """folder for records and tables; started again, it goes on where it was"""
+    """folder for records and tables; the same command resumes from it"""
     authored: Natural = 0
     """chains per family of authored keyframes to score as well: arms, steps, crouch and so on"""
     pushes: NonNegative = 0.0
@@ -126,7 +126,7 @@ class EvaluateRecipe(ScoringConfig):
     domain_randomization: bool = False
     """draw robot, motors and ground for each motion, and push the robots"""
     disturbed: Fraction = 0.0
-    """strength of all that a robot meets: the above, delays, load, noise; 1 is the full set"""
+    """strength of all disturbances: the above, delays, load, noise; 1 is the full set"""
     csv: Path | None = None
     """file for every figure and interval; authored keyframes go to NAME_authored.csv"""
     figures: Path | None = None
@@ -140,7 +140,7 @@ class BenchmarkRecipe(Bounded):
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """runs, names such as plat-g1, bundles, or .onnx files of released trackers"""
     out: Path
-    """folder for the table, figures and records; started again, it goes on where it was"""
+    """folder for the table, figures and records; the same command resumes from it"""
     trackers: ReleasedTrackers = field(default_factory=ReleasedTrackers)
     bandai: Path | None = None
     """folder of Bandai-Namco's .bvh files, retargeted here; or an .npz of them for the G1"""
@@ -165,7 +165,7 @@ class BenchmarkRecipe(Bounded):
     further_horizons: Annotated[tuple[str, ...], NotEmpty()] = ("long", "mixed")
     """horizons of the other sets"""
     interface: Annotated[tuple[Interface, ...], NotEmpty()] = ("next-frame", "line", "cascade")
-    """how dense trackers are told of a keyframe; the table shows the best of each"""
+    """how dense trackers are shown a keyframe; the table shows the best of each"""
     rules: Annotated[tuple[RuleName, ...], NotEmpty()] = ("humantracker", "supermimic")
     """success rules of whole clips"""
     robustness: tuple[DisturbanceName, ...] = ("push", "friction", "payload", "latency", "motors", "noise")
@@ -181,15 +181,15 @@ class BenchmarkRecipe(Bounded):
     seed: Seed = 0
     """draws commands and disturbances"""
     num_envs: Robots = 256
-    """robots that are simulated at a time"""
+    """robots simulated at a time"""
     workers: Natural = 0
     """processes to spread motions over, 0 for one a core; the figures do not depend on it"""
     device: str = "auto"
-    """where networks and tensors live, "cuda" where there is one"""
+    """device of networks and tensors; by default "cuda" where there is one"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
 
 @dataclass(kw_only=True)
@@ -228,7 +228,7 @@ class PlayRecipe(Bounded):
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
 
 @dataclass(kw_only=True)
@@ -261,7 +261,7 @@ class StudioRecipe(Bounded):
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
 
 @dataclass(kw_only=True)
@@ -269,11 +269,11 @@ class MotionFiles(Bounded):
     """Motion files, and how to read them."""
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """motion files, folders or globs; "generated:val" for the motions that plat makes itself"""
+    """motion files, folders or globs; "generated:val" for generated motions"""
     quat_order: Literal["wxyz", "xyzw"] | None = None
     """order of the root quaternion in these files, where they do not show it"""
     fps: Rate | None = None
-    """frames a second of these files, where they do not say it, or say it wrong"""
+    """frames a second of these files, where they do not state it, or state it wrongly"""
     up: Literal["x", "y", "z"] | None = None
     """axis that points up in these files, where they do not show it"""
     units: Literal["m", "cm", "mm", "in", "ft"] | None = None
@@ -306,7 +306,7 @@ class Convert(MotionFiles):
     format: Literal["npz", "csv"] = "npz"
     """in a folder: an .npz for each file, or a .csv (wxyz, with a header) for each clip"""
     trim: tuple[NonNegative, NonNegative] = (0.0, 0.0)
-    """seconds to take off the start and the end of each clip, before it is cut"""
+    """seconds to trim from start and end of each clip, before it is cut"""
     ground: Literal["clip", "smooth"] | None = None
     """put the feet on the floor: all frames of a clip alike, or following a floor that drifts"""
     level_feet: bool = False
@@ -314,7 +314,7 @@ class Convert(MotionFiles):
     smooth_steps: bool = False
     """spread isolated single-frame steps of joints over 0.15 s to both sides"""
     clip_limits: bool = False
-    """bring joint angles into their limits"""
+    """clip joint angles to their limits"""
     resample: Rate | None = None
     """frames a second to write, for files of different rates"""
     repair: bool = False
@@ -343,9 +343,9 @@ class Retarget(Bounded):
     out: Path
     """folder to write to"""
     map: Path | None = None
-    """skeleton map (YAML), see docs/retargeting.md; by default one that comes with plat"""
+    """skeleton map (YAML), see docs/retargeting.md; by default a shipped one"""
     fps: Rate | None = None
-    """frames a second of these files, where they do not say it, or say it wrong"""
+    """frames a second of these files, where they do not state it, or state it wrongly"""
     up: Literal["x", "y", "z"] | None = None
     """axis that points up in these files, where they do not show it"""
     units: Literal["m", "cm", "mm", "in", "ft", "in/0.45"] | None = None
@@ -353,11 +353,11 @@ class Retarget(Bounded):
     angles: Literal["degrees", "radians"] | None = None
     """unit of angles in .bvh and .amc, where they do not show it"""
     split: bool = False
-    """write train.npz, val.npz and test.npz by clip name instead of a file for each capture"""
+    """write train.npz, val.npz and test.npz by clip name instead of a file per capture"""
     workers: Annotated[int, Range(1, 1024)] = field(default_factory=lambda: min(available_cpus(), 1024))
     """processes to spread the files over, at most; a few files are done in one"""
     solver: SolverOptions = SolverOptions()
-    """how inverse kinematics is done"""
+    """settings of inverse kinematics"""
 
 
 @dataclass(kw_only=True)
@@ -369,7 +369,7 @@ class Map(Bounded):
     out: Path
     """folder for <name>_map.png, and <name>_map.yaml of a proposed map"""
     map: Path | None = None
-    """skeleton map (YAML) to look at; by default one that comes with plat, else a proposed one"""
+    """skeleton map (YAML) to look at; by default a shipped one, else a proposed one"""
 
 
 @dataclass(kw_only=True)
@@ -377,7 +377,7 @@ class FromMotion(Bounded):
     """Take poses of a clip as keyframes."""
 
     motion: Annotated[str, tyro.conf.Positional]
-    """motion file, folder or glob; "generated:val/bow@1" for a motion that plat makes itself"""
+    """motion file, folder or glob; "generated:val/bow@1" for a generated motion"""
     out: Path
     """keyframe file to write"""
     clip: str | None = None
@@ -385,7 +385,7 @@ class FromMotion(Bounded):
     times: tuple[NonNegative, ...] = ()
     """seconds of the clip at which the keyframes are"""
     every: Positive | None = None
-    """instead: evenly to the end of the clip, at most so many seconds apart"""
+    """instead: evenly spaced to the end of the clip, at most this many seconds apart"""
     names: tuple[str, ...] = ()
     """of the keyframes, in their order"""
     begin: NonNegative = 0.0
@@ -405,7 +405,7 @@ class ConvertKeyframes(Bounded):
     out: Path
     """file to write: .xml for MJCF, .json else"""
     kimodo: bool = False
-    """write Kimodo's constraints and not a keyframe file"""
+    """write Kimodo's constraints instead of a keyframe file"""
     fps: Rate = 30.0
     """frames a second that constraints count; 30 for Kimodo"""
     every: Annotated[float, Range(0.02, 60)] = 1.0
@@ -453,7 +453,7 @@ class ExportRecipe(Bounded):
     robot: str = "g1"
     """robot of the policy: its name, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
 
 @dataclass(kw_only=True)
@@ -485,13 +485,13 @@ class AverageRecipe(Bounded):
     shares: tuple[Positive, ...] = ()
     """weight of each run in the average; equal if there are none"""
     symmetric: bool = False
-    """let it act by the mean of its action and that in the mirror; one run will do"""
+    """let it act by the mean of its action and the mirrored one; one run will do"""
     reach: WalkingReach | None = None
     """show a student keyframes beyond it nearer; one run will do"""
     robot: str = "g1"
     """robot of the policies: its name, or path of its JSON description"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
 
 @dataclass(kw_only=True)

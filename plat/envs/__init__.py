@@ -56,7 +56,7 @@ def _moved(name: str) -> object:
     if name not in _MOVED:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     new = _MOVED[name]
-    message = f"plat.envs.{name} is now {new.__name__}.{name}; the old name goes with version 0.3"
+    message = f"plat.envs.{name} is now {new.__name__}.{name}; the old name is removed in version 0.3"
     warnings.warn(message, FutureWarning, stacklevel=3)
     return getattr(new, name)
 

@@ -25,7 +25,7 @@ class NormalizerConfig(Bounded):
     """Constants of :class:`ObservationNormalizer`."""
 
     eps: Positive = 0.01
-    """added to the standard deviation; keeps nearly constant features from being blown up"""
+    """added to the standard deviation, so that nearly constant features are not blown up"""
     clip: Positive = 10.0
     """bound on the normalized features"""
 
@@ -49,7 +49,7 @@ class ExpertConfig(Bounded):
     catch_up_limit: NonNegative = 0.3
     """longest position error that the gain is applied to (m)"""
     symmetric: bool = False
-    """acts by the mean of its action and that in the mirror"""
+    """acts by the mean of its action and the mirrored one"""
     init_std: Positive = 0.6
     """exploration noise at the start, in units of action"""
     min_std: Positive = 0.02
@@ -102,7 +102,7 @@ class PlainPolicyConfig(Bounded):
     reach: WalkingReach | None = None
     """shows keyframes beyond it nearer; none shows them where they are"""
     symmetric: bool = False
-    """acts by the mean of its action and that in the mirror; with a latent: when deployed"""
+    """acts by the mean of its action and the mirrored one; with a latent: when deployed"""
 
 
 @dataclass(frozen=True)

@@ -391,9 +391,8 @@ def _with_sure_rates(
 ) -> tuple[list[MotionFile], list[MotionError]]:
     """Return the files without those whose rate was assumed, where more files contradict the assumption than fit it.
 
-    Tables that do not state their rate come in sets of one rate, and of most motions the rate is not to be told. Where
-    more files of a folder fit the assumption, the others are taken to fit as well. A folder in which none tells is
-    judged by all.
+    Tables that do not state their rate come in sets of one rate, and most motions do not tell theirs. Where more files
+    of a folder fit the assumption, the others are taken to fit as well. A folder in which none tells is judged by all.
     """
     against = Counter(error.folder for error in errors if isinstance(error, UnfitRateError))
     fitting = Counter(file.path.parent for file in files if file.rate_fits)

@@ -19,7 +19,7 @@ Reader = Callable[[Path, ReadOptions], MotionFile]
 
 
 def _of_robot(read: Reader) -> Reader:
-    """Return a reader of a robot's motions that refuses what is not to be told.
+    """Return a reader of a robot's motions that refuses what cannot be determined.
 
     That is the unit of who lies, and what stands only with its root's quaternions read otherwise.
     """

@@ -106,11 +106,11 @@ class ImaginationConfig(Bounded):
     steps: Steps = 24
     """control steps of an imagined rollout"""
     recent: Count = 200
-    """imagined rollouts start in one of this many last control steps"""
+    """imagined rollouts start in one of the last this many control steps"""
     discount: Fraction = 0.98
     """discount per imagined step"""
     critic: Layers = ()
-    """hidden layers of a critic that speaks for what follows the imagined steps; none: no critic"""
+    """hidden layers of a critic for the cost after the imagined steps; none: no critic"""
     lost_cost: NonNegative = 3.0
     """cost of a step of a lost robot, to the critic"""
     effort: NonNegative = 0.01

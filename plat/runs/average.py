@@ -141,7 +141,7 @@ def average_runs(
         runs: two or more run directories, or names of shipped weights; with ``symmetric`` or a ``reach`` one will do.
         out: directory to write to.
         shares: weight of each; none for equal ones. They are scaled to a sum of 1.
-        symmetric: let it act by the mean of its action and that in the mirror (:class:`plat.modules.BothSides`).
+        symmetric: let it act by the mean of its action and the mirrored one (:class:`plat.modules.BothSides`).
         reach: show it keyframes beyond this nearer (:class:`plat.modules.KeyframeReach`); of a student, alone or
             refined.
 

@@ -108,19 +108,19 @@ class RecipeConfig(Bounded):
     steps: Count | None = None
     """stop after this many environment steps, all robots together"""
     resume: bool = False
-    """go on from the last checkpoint in OUT"""
+    """resume from the last checkpoint in OUT"""
     seed: Seed = 0
     """seeds everything that is drawn"""
     device: str = "auto"
-    """where networks and tensors live, "cuda" where there is one"""
+    """device of networks and tensors; by default "cuda" where there is one"""
     robot: str = "g1"
     """name of the robot, or path of its JSON description"""
     num_envs: Robots = 512
-    """robots that are simulated at a time"""
+    """robots simulated at a time"""
     physics: PhysicsName = "mujoco"
     """MuJoCo on the CPU, or "warp": MuJoCo Warp on the device (extra: warp)"""
     workers: Natural = 0
-    """processes that simulate them, on a share of the CPUs each; 0 for the one that learns"""
+    """processes that simulate them, each on a share of the CPUs; 0: in the learning process"""
     ray: bool = False
     """start them on a Ray cluster, the one at RAY_ADDRESS or of this machine (extra: ray)"""
     wandb: bool = False
@@ -132,7 +132,7 @@ class RecipeConfig(Bounded):
     save_every: NonNegative = 120.0
     """seconds between checkpoints"""
     imports: Imports = ()
-    """module that registers policy classes of your own"""
+    """module that registers custom policy classes"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

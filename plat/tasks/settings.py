@@ -106,4 +106,4 @@ class TimedKeyframesConfig(Bounded):
     uniform_starts: Fraction = 0.3
     """share of the episodes that start anywhere; the others start where failures are"""
     stride: Count = 15
-    """a posterior sees every so-many-th frame on the way to a keyframe, and the last"""
+    """a posterior sees every n-th frame on the way to a keyframe, and the last"""

@@ -110,7 +110,7 @@ class FailureWeightedStarts(Transform):
 
     def forget(self) -> None:
         """Call :meth:`forget_all`, with a warning: the old name of it."""
-        told = "FailureWeightedStarts.forget is now forget_all; the old name goes with version 0.3"
+        told = "FailureWeightedStarts.forget is now forget_all; the old name is removed in version 0.3"
         warnings.warn(told, FutureWarning, stacklevel=2)
         self.forget_all()
 

@@ -21,9 +21,9 @@ class ValidationLimits(Bounded):
     joint_excess: Limit = 0.01
     """angle beyond a joint's limits (rad); more: repair, clip to the limits"""
     max_joint_excess: Limit = 0.5
-    """the same (rad); more: drop, for clipped it would be another motion"""
+    """the same (rad); more: drop, because clipping would change the motion"""
     joint_speed: Limit = 35.0
-    """fastest joint (rad/s); more: drop, for no motor of the G1 is that fast"""
+    """fastest joint (rad/s); more: drop, because no motor of the G1 is that fast"""
     step_speed: Limit = 10.0
     """isolated single-frame step of a joint (rad/s); more: repair, smooth the steps"""
     penetration: Limit = 0.04

@@ -137,7 +137,7 @@ def settle_joint_order(
         quat_order: of the motion; None where it is not known.
 
     Raises:
-        JointOrderError: where the order is not to be told, or left and right are exchanged for some of the joints.
+        JointOrderError: where the order cannot be determined, or left and right are exchanged for some of the joints.
     """
     robot = options.robot
     if not np.isfinite(joints).all():

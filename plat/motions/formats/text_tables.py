@@ -111,7 +111,7 @@ def read_table(path: Path) -> Table:
         raise MotionError(f"the header has {counted(len(header), 'column')}, the rows have {width}")
     for number, row in rows:
         if len(row) != width and separator == "," and all(map(_WHOLE.fullmatch, (*row, *rows[0][1]))):
-            raise MotionError("decimal commas between commas are not to be told apart: separate columns by semicolons")
+            raise MotionError("decimal commas between commas cannot be told apart: separate columns by semicolons")
         if len(row) != width:
             raise MotionError(f"row {number} has {counted(len(row), 'column')}, row {rows[0][0]} has {width}")
     header, rows, left_out = _without_texts(header, rows)

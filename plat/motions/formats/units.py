@@ -77,7 +77,7 @@ class Converted:
     Attributes:
         values: in these units.
         notes: what was done to them, a phrase each.
-        doubt: why the unit is not to be told, where that is so; empty else.
+        doubt: why the unit cannot be determined, where that is so; empty else.
     """
 
     values: np.ndarray
@@ -237,8 +237,8 @@ def _in_shown_unit(
             return Converted(root_pos * _UNITS[lying[0]][2], (f"root position in {lying[0]}: so it lies on the floor",))
         rests = " and ".join(f"in {unit}" for unit in lying) or "in no unit"
         doubt = (
-            f"the unit of places is not to be told: {field!r} has the root of a robot that lies at {median:.4g}, and "
-            f"it rests on the floor {rests}; state it: plat motions convert --units"
+            f"the unit of places cannot be determined: {field!r} has the root of a robot that lies at {median:.4g}, "
+            f"and it rests on the floor {rests}; state it: plat motions convert --units"
         )
     for unit, (low, high, meters) in _UNITS.items():
         if low < abs(height) < high:

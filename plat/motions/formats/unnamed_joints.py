@@ -33,8 +33,8 @@ _USUAL = {
 }
 _BEYOND = 20.0
 # By how much less likely the larger robot's order has to be for the smaller one's to be it, and how much is no doubt of
-# the larger one's. Of 2,750 clips in both orders 5 were mistaken for the other; between the figures it is not to be
-# told, which concerned one in eleven.
+# the larger one's. Of 2,750 clips in both orders 5 were mistaken for the other; between the figures it is
+# undecided, which concerned one in eleven.
 _UNLIKELY, _DOUBTFUL = 4.5, 0.4
 
 

@@ -50,7 +50,7 @@ def find_up(
         where: for the error message.
 
     Raises:
-        MotionError: where the axis is not to be told.
+        MotionError: where the axis cannot be determined.
     """
     trunk = at["neck"] - 0.5 * (at["left_ankle"] + at["right_ankle"])
     upright = (trunk / np.linalg.norm(trunk, axis=1, keepdims=True).clip(1e-9)).mean(0)
@@ -89,7 +89,7 @@ def find_up(
         if upright.min() < -_STANDING:
             down = _NAMES[int(upright.argmin())]
             raise MotionError(
-                f"{where}: which axis is up is not to be told, and the head points along -{down}; {_TURN_IT}"
+                f"{where}: which axis is up cannot be determined, and the head points along -{down}; {_TURN_IT}"
             )
         raise _untold(where)
     standing_hints = [_FLOOR[0] < lowest[along] < _FLOOR[1] and travel[along] < _CLIMB, hint == along]
@@ -189,6 +189,6 @@ def _rest_up(rest: dict[str, np.ndarray]) -> int | None:
 
 def _untold(where: str) -> MotionError:
     return MotionError(
-        f"{where}: which axis is up is not to be told from the poses; state it: "
+        f"{where}: which axis is up cannot be determined from the poses; state it: "
         "plat motions convert --up, or 'up' in a map"
     )

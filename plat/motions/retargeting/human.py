@@ -64,7 +64,7 @@ def read_human(
         units: one of :data:`UNITS`, the same way.
 
     Raises:
-        MotionError: when a joint of the map is missing, the up axis is not to be told, left and right are
+        MotionError: when a joint of the map is missing, the up axis cannot be determined, left and right are
             exchanged, or limbs have lengths that no human's have.
     """
     with_joints(skeleton, mocap, where)

@@ -194,7 +194,7 @@ def retarget(
         robot: must have the bodies of :data:`TRACKED`.
         options: of inverse kinematics.
         fps: frames a second of the file, where what it states is wrong.
-        up: axis that points up in the file, ``x``, ``y`` or ``z``, where it is not to be told or found wrong.
+        up: axis that points up in the file, ``x``, ``y`` or ``z``, where it cannot be determined or is found wrong.
         units: of its lengths, one of :data:`~plat.motions.retargeting.skeletons.UNITS`, the same way.
         angles: unit of the angles of a ``.bvh`` or ``.amc``, the same way.
 

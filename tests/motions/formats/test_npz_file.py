@@ -621,7 +621,7 @@ def test_who_lies_in_a_unit_that_is_not_to_be_told_is_refused(tmp_path):
     qpos[:, :7] = [0, 0, 30, np.sqrt(0.5), 0, -np.sqrt(0.5), 0]
     np.savez(tmp_path / "a.npz", clip=qpos, fps=50)
     with pytest.raises(
-        MotionError, match="a.npz': the unit of places is not to be told: .* state it: plat motions convert --units"
+        MotionError, match="a.npz': the unit of places cannot be determined: .* state it: plat motions convert --units"
     ):
         load_motions(tmp_path / "a.npz")
     (found,) = load_motions(tmp_path / "a.npz", units="cm")

@@ -166,7 +166,7 @@ def test_the_unit_of_who_lies_is_that_in_which_the_floor_is_below(header):
 
 def test_who_lies_on_the_floor_in_no_unit_is_doubtful():
     place, quat, joints = lying(0.3)
-    told = "the unit of places is not to be told: 'pos' has the root of a robot that lies at 30, and .* in no unit"
+    told = "the unit of places cannot be determined: 'pos' has the root of a robot that lies at 30, and .* in no unit"
     assert re.match(told, place_in_meters(100 * place, quat, joints, SOLES, "pos").doubt)
     assert re.match(told, place_in_meters(100 * place, quat, joints, SOLES, "pos", written="m").doubt)
     for found in (
