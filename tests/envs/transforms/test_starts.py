@@ -115,6 +115,6 @@ def test_episodes_start_where_the_transform_says(library):
 def test_the_old_name_of_forget_all_warns():
     starts = FailureWeightedStarts(two_clips(), 1)
     starts.record(torch.tensor([70]))
-    with pytest.warns(FutureWarning, match="FailureWeightedStarts.forget is now forget_all; the old name is removed in"):
+    with pytest.warns(FutureWarning, match="FailureWeightedStarts.forget is now forget_all; the old name is removed"):
         starts.forget()
     assert not starts.failures.any()
