@@ -30,9 +30,9 @@ def has_fast_bfloat16(device: torch.device | str) -> bool:
 def autocast(device: torch.device | str | None, precision: Precision) -> AbstractContextManager:
     """Return the context in which networks run at a precision.
 
-    Hidden layers and recurrences run in it; the last layer of a network made by :func:`plat.modules.mlp`, unless that
-    is told otherwise, and so actions, log-probabilities and losses, stay in float32. ``"auto"`` is bfloat16 where that
-    is fast. A device of None is the CPU, as that of a tensordict is that was never moved.
+    Hidden layers and recurrences run in it. Actions, log-probabilities and losses stay in float32, because the last
+    layer of :func:`plat.modules.mlp` does, unless set otherwise. ``"auto"`` is bfloat16 where that is fast. A device of
+    None is the CPU, as that of a tensordict is that was never moved.
 
     Raises:
         ConfigError: for a precision or a device that there is not.

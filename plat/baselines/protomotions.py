@@ -35,8 +35,8 @@ _SOURCES = (
 class ProtoMotions(Tracker):
     """Released general tracker of ProtoMotions for the G1 (``unified_pipeline.onnx`` and ``.yaml``).
 
-    **Unverified**: the layout is that of the published deployment code, and the adapter is tested with networks of the
-    same inputs only, not with the released weights.
+    **Unverified**: the layout is that of the published deployment code. The adapter is tested only with networks of the
+    same inputs, not with the released weights.
 
     The YAML file says which quantity each input is, how many frames ahead the references are, and gains. Quaternions
     are ``xyzw``. Orientations of the reference are those of all bodies of its model, or of the torso. The network

@@ -29,8 +29,8 @@ def sonic_robot(robot: Robot = G1) -> Robot:
 class Sonic(Tracker):
     """Released SONIC policy: an encoder from ten reference frames to a token, and a decoder to an action.
 
-    **Unverified**: the layout is that of the published deployment code, and the adapter is tested with networks of the
-    same shapes only, not with the released weights. Compare dense tracking before you quote its metrics.
+    **Unverified**: the layout is that of the published deployment code. The adapter is tested only with networks of the
+    same shapes, not with the released weights. Compare dense tracking before you quote its metrics.
 
     The encoder (``model_encoder.onnx``, 1762 to 64) reads a mode (0: a robot's motion, four numbers) and ten reference
     frames, from now to 0.9 s ahead at steps of 0.1 s. Of these it reads joint angles (rad), joint velocities (rad/s)

@@ -26,8 +26,8 @@ def check_ray() -> None:
 class Cluster:
     """Ray cluster that this process has joined.
 
-    It is the one that the process is connected to already, else the one that ``RAY_ADDRESS`` names, else one that this
-    machine is part of (``ray start``). Where there is none, one is started on this machine until :meth:`close`.
+    It is the one that the process is already connected to, else the one at ``RAY_ADDRESS``, else one that this machine
+    is part of (``ray start``). Where there is none, one is started on this machine until :meth:`close`.
 
     Raises:
         ConfigError: where Ray is not installed.

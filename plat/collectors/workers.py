@@ -72,9 +72,9 @@ def collect(
 class WorkerRollouts(Iterator[TensorDictBase]):
     """Iterator over rollouts ``[N, steps]`` without end, of robots that worker processes simulate.
 
-    Each worker has a share of the robots, of the CPUs and a random stream of its own, and maps the motions from a file,
-    so that all workers share them. Every rollout is of one set of weights: those that the policy has when it begins.
-    Rows are in the order of the workers, so a run is the same from one time to the next.
+    Each worker has a share of the robots and of the CPUs, and its own random stream. Workers map the motions from a
+    file, so all share them. Every rollout is of one set of weights: those that the policy has when it begins. Rows are
+    in the order of the workers, so a run is the same from one time to the next.
 
     A worker that ends, of whatever cause, is started again in the state before the rollout that it was in. So that
     rollout is the same as without the accident. A run's state holds that of all workers.

@@ -151,8 +151,9 @@ def _times(drawn: NDArray[np.float64], family: ChainFamily, timing: Timing) -> l
 def resting_poses(library: MotionLibrary) -> Pose:
     """Return the poses ``[M, 7 + J]`` of a library in which the robot rests, over the origin and facing along x.
 
-    A pose rests when no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s and the pelvis above 0.55 m, of
-    a robot whose root stands at 0.76 m; of others in proportion. Of each clip the slowest such pose is taken.
+    In a pose at rest no joint is faster than 0.6 rad/s, the root no faster than 0.1 m/s, and the pelvis above 0.55 m.
+    That height is for a robot whose root stands at 0.76 m; others in proportion. Of each clip the slowest such pose is
+    taken.
 
     Raises:
         ConfigError: for what is no library.

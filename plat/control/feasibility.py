@@ -97,10 +97,10 @@ class Feasibility:
     Speeds are the least peak that a move from rest to rest can have: twice the mean, by constant acceleration and
     constant deceleration. The acceleration is that of the same move, ``4 d / T**2``.
 
-    Links are looked at in the keyframe, and on the way there on which all joints move evenly. Of a partial keyframe
-    these are the links between the root and the bodies that it commands, as they were drawn, and those that commanded
-    joints lead to. The others can move out of the way. A commanded body that its own joint turns about its place, as a
-    hand, is looked at on the way alone.
+    Links are checked in the keyframe, and on the way there on which all joints move evenly. For a partial keyframe,
+    these are the links between the root and the commanded bodies, as drawn, and those that commanded joints lead to.
+    The others can move out of the way. A commanded body whose own joint only turns it in place, such as a hand, is
+    checked on the way alone.
 
     Args:
         robot: the robot.

@@ -51,8 +51,8 @@ class EstimatorSettings(Bounded):
 class StateEstimator:
     """Estimator of the root's pose and velocity in the world: leg odometry and an IMU in an invariant Kalman filter.
 
-    Call :meth:`reset` while the robot stands still, then :meth:`update` with every reading, at the rate of the IMU or
-    at least at that of the policy. Points of the soles that touch are landmarks until they lift or slip, see
+    Call :meth:`reset` while the robot stands still, then :meth:`update` with every reading. Its rate should be the
+    IMU's, or at least the policy's. Points of the soles that touch are landmarks until they lift or slip, see
     :class:`plat.deploy.InvariantFilter`. Horizontal position and heading drift, for nothing measures them;
     :meth:`anchor` and :meth:`measure` take them from outside.
 

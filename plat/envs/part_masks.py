@@ -23,9 +23,9 @@ def draw_parts(
 ) -> Tensor:
     """Draw masks of partial keyframes ``[count, J + K + 3]``, bool; the first is that of a whole pose.
 
-    Every kind is as frequent as the others: positions of the hands; of hands and trunk, which carries the head;
-    of hands and feet; the root alone; the joints of the upper body; those of the legs; random bodies; random joints.
-    Beside any kind but the root alone, parts of the root are commanded in half of the masks.
+    All kinds are equally frequent. Positions: of the hands; of hands and trunk, which carries the head; of hands and
+    feet; of random bodies. Joints: of the upper body; of the legs; random ones. And the root alone. Beside any kind but
+    the root alone, parts of the root are commanded in half of the masks.
 
     Args:
         robot: gives joints and bodies; kinds that it lacks are left out.

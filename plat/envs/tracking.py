@@ -83,10 +83,10 @@ class MotionTrackingEnv(EnvBase):
     ``("motion", "frame")``               ``[]``      row of the library that the robot is to be at now
     ====================================  ==========  ==========================================================
 
-    A reset starts from the frames ``start`` ``[N]`` where it is given them, as in ``env.reset(start=frames)``, and a
-    partial reset from those of the robots that it resets. Otherwise it reads ``("motion", "start")``, where a transform
-    such as :class:`plat.envs.transforms.FailureWeightedStarts` writes it, or samples. Transforms of TorchRL pass no
-    entry of one's own on to a reset, but its arguments: around this environment ``("motion", "start")`` is ignored.
+    ``env.reset(start=frames)`` starts from these frames ``[N]``; a partial reset uses those of the robots that it
+    resets. Without them, it reads ``("motion", "start")`` where a transform such as
+    :class:`plat.envs.transforms.FailureWeightedStarts` writes it, or samples. TorchRL's transforms pass a reset's
+    arguments on, but no custom entries: around this environment a caller's ``("motion", "start")`` is ignored.
 
     Args:
         library: motions; its ``dt`` is the control step.

@@ -48,8 +48,8 @@ class ExportCheck:
 def export_bundle(run: str | Path, out: str | Path, *, picture: bool = False) -> ExportCheck:
     """Write the deployed policy of a run as a bundle that :class:`plat.deploy.PolicyRunner` runs.
 
-    The files are checked after they are written. The folder appears when all of them are right, or not at all; what a
-    killed export left beside it is removed by the next one.
+    The files are checked after they are written. The folder appears when all of them are right, or not at all.
+    Leftovers of a killed export are removed by the next one.
 
     Args:
         run: run directory of ``plat distill`` or ``plat refine``.

@@ -77,8 +77,8 @@ _OTHERS = [
 def looks(names: Sequence[str]) -> dict[str, Look]:
     """Return a look for each policy: its own for a row of the ablation, in any case; others take what is left.
 
-    A released tracker keeps its look with its interface in parentheses, and weights that come with plat have that of
-    their row, unless two of the names would have the same.
+    A released tracker keeps its look with its interface in parentheses. Shipped weights have the look of their row,
+    unless two of the names would share one.
 
     >>> looks(["DAgger", "mine", "wbc (line)"])["DAgger"].color
     '#0072B2'

@@ -25,9 +25,9 @@ _SIDES = -2
 class BothSides(TensorDictModule):
     """Observation beside its mirror image, for a network that answers both; :class:`MeanOfSides` is the other end.
 
-    A robot that is symmetric moves in the mirror as it moves before it. A policy that is shown both, and acts by the
-    mean of its answer and of the other one mirrored back, is exactly as symmetric, and its errors of one side are
-    averaged with those of the other.
+    A robot that is symmetric moves in the mirror as it moves before it. So the policy is shown both, and acts by the
+    mean of its answer and of the other one mirrored back. Then it is exactly as symmetric, and errors of the two sides
+    are averaged.
 
     Args:
         robot: the robot.

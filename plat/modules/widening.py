@@ -21,9 +21,9 @@ _GAUSSIANS = ("prior.module", "posterior.module")
 def take_over(student: Any, trained: Any) -> None:
     """Give a student the weights of a trained one that observes the same or less and is as wide or narrower.
 
-    At first the student acts like the trained one: what only it observes counts for nothing, units that only it has
-    lead nowhere yet, and the time to the keyframe, ``tau = steps_left / max_steps``, counts for the same number of
-    steps. What normalizes, what is symmetric and what is within reach are the student's own settings.
+    At first the student acts like the trained one: its additional inputs have weight 0, and its additional units have
+    no outgoing weights yet. The time to the keyframe, ``tau = steps_left / max_steps``, is rescaled to the same number
+    of steps. What normalizes, what is symmetric and what is within reach are the student's own settings.
 
     Args:
         student: a :class:`plat.modules.PlainPolicy` or :class:`plat.modules.LatentPolicy`.

@@ -22,8 +22,8 @@ _TOLERANCE = 1e-3
 def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each joint ``[J]``, the joint whose angle it takes in the mirror, and the sign.
 
-    Axes and places of the joints are compared in the root's frame with all joints at 0, so the frames of the links on
-    the two sides may be turned as they like.
+    Axes and positions of the joints are compared in the root's frame with all joints at 0. So the link frames of the
+    two sides may be oriented in any way.
 
     Raises:
         RobotError: when the robot has no such symmetry.

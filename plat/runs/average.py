@@ -133,9 +133,8 @@ def average_runs(
 
     Policies that were trained on from one another, or from a common one, often gain by it, at no cost when they act.
     Its settings, and its model of the robot where there is one, are those of the last. ``average`` in its
-    ``config.json`` says of what it is the mean, and what each was trained on. A student that is narrower than the last
-    run's, which went on from it, counts as the student of that width that acts like it
-    (:func:`plat.modules.take_over`).
+    ``config.json`` lists the averaged runs, and what each was trained on. A student may be narrower than the last
+    run's, which started from it. It then counts as the wide student that acts like it (:func:`plat.modules.take_over`).
 
     Args:
         runs: two or more run directories, or names of shipped weights; with ``symmetric`` or a ``reach`` one will do.

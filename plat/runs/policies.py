@@ -128,8 +128,8 @@ def register_policy(
 def policy_spec(policy: Any) -> dict[str, Any]:
     """Return the description from which :func:`build_policy` makes an equal object.
 
-    It holds the kind, the robot, the sizes, the student of a policy that is built on one, and what it depends on of
-    its robot (:func:`plat.runs.trained_for.trained_for`).
+    It holds the kind, the robot, the sizes, and the student that a refined policy is built on. It also holds the
+    robot's properties that the policy depends on (:func:`plat.runs.trained_for.trained_for`).
 
     Raises:
         CheckpointError: when the policy's class is not registered.

@@ -88,10 +88,10 @@ def draw_chains(
     distant      the same 0.8 to 2.5 m further, 1.5 s apart or more, where the timing allows 2 s     3 s
     ===========  ==================================================================================  =======
 
-    Where the straight line between two poses of arms leads through the robot itself, a pose midway leads around, and
-    the chain goes to and fro between the two. A quarter of the chains that stay in place end in a hold of 15 s: who
-    drifts falls late. Where the timing allows more than a second, three of ten keyframes take up to its longest
-    command. Where it allows less, none takes longer.
+    Where the straight line between two poses of arms leads through the robot itself, a pose midway leads around it. The
+    chain then goes to and fro between the two. A quarter of the chains that stay in place end in a hold of 15 s,
+    because a drifting robot falls late. Where the timing allows more than a second, three of ten keyframes take up to
+    its longest command. Where it allows less, none takes longer.
 
     Args:
         library: motions with the resting poses; families that need some are left out where there are none, those

@@ -39,8 +39,8 @@ FURTHER = (0.2, 0.4, 0.6, 0.9, 1.2, 1.5)
 class WaysAround:
     """Finds a pose to pass by where the straight line between two poses leads through the robot itself.
 
-    Midway on the line, hands are moved apart, or one of them alone, or one ahead of or above the other, until both
-    halves of the way are clear. The legs stay on the line.
+    Midway on the line, both hands are moved apart, or one alone, or one ahead of or above the other. The first move
+    that leaves both halves of the way clear is taken. The legs stay on the line.
 
     Args:
         robot: with two hands; of another one no way is found.

@@ -46,9 +46,10 @@ class OnboardReading:
 class OnboardController:
     """Controller of a robot from its sensors: state estimator, policy and last line of defense, together.
 
-    The robot must stand or hang still at first: tilt and bias of the gyroscope are measured then. It ramps, and the
-    world of the keyframes is laid under it when the policy begins. :meth:`step` never raises for what it is given.
-    :meth:`stop` and :meth:`reset` may be called at any time, as those of :class:`plat.deploy.safety.SafeRunner`.
+    The robot must stand or hang still at first: tilt and bias of the gyroscope are measured then. It ramps to the start
+    pose, and the keyframes' world is anchored at the robot when the policy begins. :meth:`step` never raises, whatever
+    its input. :meth:`stop` and :meth:`reset` may be called at any time, as those of
+    :class:`plat.deploy.safety.SafeRunner`.
 
     Args:
         policy: what computes targets.

@@ -14,7 +14,7 @@ __all__ = ["ScheduledStarts"]
 class ScheduledStarts(Transform):
     """Scheduled starts: each robot goes through clip after clip from the first frame on, longest clips first.
 
-    After a failed command the robot is reset onto the reference where the next command begins; after a clip's last
+    After a failed command the robot is reset onto the reference where the next command begins. After a clip's last
     command it takes the next clip that no other robot has taken. Put it after the termination transform.
 
     Args:

@@ -37,8 +37,8 @@ class FirstFrames(Transform):
 class FailureWeightedStarts(Transform):
     """Failure-weighted start sampling: episodes start more often where the policy fails.
 
-    Motions are cut into bins of a second. A moving average of the failures in each bin, spread over the bins just
-    before it, weights the draw of the bin; a fraction of the draws stays uniform over all frames. Put it after the
+    Motions are cut into bins of a second. Bins are drawn in proportion to a moving average of their failures, which is
+    spread over the bins just before. A fraction of the draws stays uniform over all frames. Put it after the
     termination transform. After ``set_seed`` the failures are forgotten: the same episodes follow the same seed.
 
     Args:

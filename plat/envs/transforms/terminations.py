@@ -154,8 +154,8 @@ def off_pose(
 ) -> Tensor:
     """Return the mask ``[N]`` of robots beyond the arrival window's thresholds against the time-aligned reference.
 
-    Of a partial keyframe, the root's height and orientation count in place of the anchor's, and the heights of bodies,
-    each where it is commanded; and a robot that has :func:`fallen` is off any pose.
+    For a partial keyframe, the root's height and orientation count in place of the anchor's, and the heights of bodies,
+    each only if commanded. A robot that has :func:`fallen` is off any pose.
 
     Args:
         state, reference: keypoints of robot and reference.

@@ -83,7 +83,7 @@ def level_feet(clip: MotionClip, robot: Robot = G1) -> MotionClip:
 
     Motion that was estimated from video stands on the edges of its feet, tilted by ten to thirty degrees: a pose that a
     robot can only copy by balancing on its toes. Here the ankles are turned until the sole is level wherever a foot
-    rests near the height of the lower one; nothing else moves, so ground the feet afterwards.
+    rests near the height of the lower one. Nothing else moves, so ground the feet afterwards.
 
     Args:
         clip: a motion.

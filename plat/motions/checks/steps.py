@@ -54,9 +54,9 @@ class SmoothedSteps:
 def joint_steps(clip: MotionClip, speed: float = 10.0, robot: Robot = G1) -> list[JointStep]:
     """Return the isolated single-frame steps of a clip, by time.
 
-    A joint steps when it is faster than ``speed`` from one frame to the next, and three times as fast as between any
-    other frames within 0.1 s. An excursion of one frame, there and back, is two steps. A fast kick speeds up and slows
-    down over several frames, so it is none.
+    A joint steps if between two frames it is faster than ``speed``, and three times as fast as between any others
+    within 0.1 s. An excursion of one frame, there and back, is two steps. A fast kick speeds up and slows down over
+    several frames, so it is none.
 
     Args:
         clip: a motion.

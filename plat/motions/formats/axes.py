@@ -75,8 +75,8 @@ def z_up(
 ) -> tuple[Converted, Converted]:
     """Return root positions and quaternions (``wxyz``) in a world whose z axis is up.
 
-    Another axis is known by a robot that is upright along it, as high along it as its legs reach, and does not lie on
-    the floor otherwise. Files whose root has its z axis forward, as their world has, are known so too.
+    Another axis is recognized if the robot is upright along it, at the height of its legs, and would not lie on the
+    floor otherwise. Files whose root has its z axis forward, as their world has, are known so too.
 
     Args:
         root_pos, root_quat: ``[T, 3]``, in any unit, and ``[T, 4]``.

@@ -70,8 +70,8 @@ class _Positions(mink.Task):
 def solve(targets: Targets, robot: Robot, fps: float, options: SolverOptions) -> np.ndarray:
     """Return poses of the robot that come near the targets, within joint and speed limits.
 
-    Each frame starts from the one before. Joint limits and the distance that a joint may have moved since the last
-    frame are the bounds of mink's quadratic programs, so they hold whatever the targets are.
+    Each frame starts from the one before. Joint limits and the largest move per frame are bounds of mink's quadratic
+    programs, so they hold whatever the targets.
 
     Returns:
         ``qpos`` ``[T, 7 + J]``.

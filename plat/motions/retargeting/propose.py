@@ -32,8 +32,8 @@ _SHORT = 0.01
 def propose_map(mocap: Mocap, name: str) -> SkeletonMap | None:
     """Return a map to be confirmed, or None where hands, feet or sides cannot be determined from the names.
 
-    Feet and hands are found by name, with their side; knees, hips, elbows and shoulders are the joints above them that
-    are some way off; the trunk is what leads from the hips to where the arms meet.
+    Feet and hands are found by name, with their side. Knees, hips, elbows and shoulders are the joints above them that
+    are some way off. The trunk leads from the hips to where the arms meet.
 
     Args:
         mocap: whose joints are to be mapped.

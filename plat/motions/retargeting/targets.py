@@ -50,8 +50,8 @@ def robot_targets(human: Human, skeleton: SkeletonMap, robot: RobotGeometry, fps
     """Scale a human's motion to a robot.
 
     The path of the middle of the hips is scaled by the ratio of leg lengths. From there on every limb keeps its
-    direction and takes the robot's length. Feet in contact are put flat or on their toes on the ground and held
-    where they are; feet in the air keep the human's clearance, scaled.
+    direction and takes the robot's length. Feet in contact are put flat or on their toes on the ground, and held in
+    place. Feet in the air keep the human's clearance, scaled.
 
     Args:
         human: what to imitate.
