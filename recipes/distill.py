@@ -55,7 +55,7 @@ def main(recipe: DistillRecipe) -> None:
         check_drives(teacher.robot, library.robot, flag)
     horizon = horizon_named(recipe.horizon, timing)
     if teacher.stateful and recipe.workers:
-        raise ConfigError("--workers: what this teacher remembers of a robot (--expert) is in one process, use 0")
+        raise ConfigError("--workers: this teacher (--expert) keeps its memory of a robot in one process, use 0")
     student = make_student(recipe, library.robot, trained)
     loss: Any
     if recipe.student == "latent":

@@ -210,7 +210,7 @@ def _tell_strength(recipe: ImaginationRecipe) -> None:
     before = SavedRun(recipe.init_model).settings.get("disturbed")
     if before and recipe.disturbed and before != recipe.disturbed:
         told = f"learned with --disturbed {before:g}, and goes on with {recipe.disturbed:g}"
-        print(f"--init-model {str(recipe.init_model)!r} {told}: what it is told of the physics is on another scale")
+        print(f"--init-model {str(recipe.init_model)!r} {told}: its physics inputs are on another scale")
 
 
 def simulated_task(

@@ -321,13 +321,11 @@ def common_control_dt(entrants: Mapping[str, Entrant], horizons: Sequence[str]) 
     steps = {name: entrant.timing.control_dt for name, entrant in entrants.items()}
     if len(set(steps.values())) > 1:
         told = ", ".join(f"{name} {step:g} s" for name, step in steps.items())
-        raise PlatError(f"policies of different control steps: {told}; score those of each step on their own")
+        raise PlatError(f"policies of different control steps: {told}; score those of each step separately")
     windows = {name: entrant.timing.window for name, entrant in entrants.items()}
     if len(set(windows.values())) > 1:
         told = ", ".join(f"{name} {window}" for name, window in windows.items())
-        raise PlatError(
-            f"policies of different arrival windows: {told} control steps; score those of each on their own"
-        )
+        raise PlatError(f"policies of different arrival windows: {told} control steps; score those of each separately")
     for horizon in horizons:
         lengths = {name: _longest(name, entrant, horizon) for name, entrant in entrants.items()}
         if len(set(lengths.values())) > 1:

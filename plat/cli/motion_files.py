@@ -93,7 +93,7 @@ def _refuse_stated(command: MotionFiles, name: str) -> None:
     for field in ("quat_order", "fps", "up", "units", "angles"):
         if getattr(command, field) is not None:
             option = f"--{field.replace('_', '-')}"
-            raise MotionError(f"{option} is stated of files, and {name!r} is none: plat makes it itself")
+            raise MotionError(f"{option} applies to files, and {name!r} is generated")
 
 
 def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], good: int, lost: Lost) -> None:
@@ -146,7 +146,7 @@ def common_rate(clips: Sequence[MotionClip]) -> float | None:
     if len(seconds) < 2:
         return None
     rate = max(seconds, key=lambda fps: seconds[fps])
-    print(f"all brought to {rate:.5g} fps, which most have")
+    print(f"all resampled to {rate:.5g} fps, the most common rate")
     return rate
 
 
@@ -178,7 +178,7 @@ def write(out: Path, files: Sequence[MotionFile], form: str, robot: Robot = G1) 
     seconds = sum(clip.duration for clip in clips)
     print(f"wrote {counted(len(clips), 'clip')}, {seconds:.0f} s, to {out}")
     if unsure := [clip for clip in clips if ASSUMED_RATE in clip.notes]:
-        print(f"of {counted(len(unsure), 'clip')} nothing states the frames a second, as the file says: state --fps")
+        print(f"the frame rate of {counted(len(unsure), 'clip')} is assumed, as the file notes: state it with --fps")
     return written
 
 

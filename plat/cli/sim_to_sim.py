@@ -98,7 +98,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
     print(f"errors are means over the keyframes that {success} counts, of what they command")
     if broken:
         of = f"{broken} of {counted(len(sequences) * len(results), 'run')}"
-        raise ActionError(f"{of} ended early, for the simulation diverged or a target was not finite")
+        raise ActionError(f"{of} ended early, because the simulation diverged or a target was not finite")
     return results
 
 

@@ -82,7 +82,7 @@ def check_together(recipe: StudioRecipe) -> None:
     """
     if recipe.static is None:
         if recipe.libraries is not None:
-            raise StudioError("--libraries: without effect but with --static, expected that beside it")
+            raise StudioError("--libraries: takes effect only with --static")
         return
     for name in ("motions", "keyframes", "folder", "host", "port", "browser"):
         if getattr(recipe, name) != getattr(StudioRecipe, name):
@@ -122,7 +122,7 @@ def check_robots(runs: Mapping[str, Path], policies: Mapping[str, Policy]) -> No
         if not same_robot(policy.robot, one.robot):
             raise StudioError(
                 f"run {str(runs[name])!r} drives robot {policy.robot.name!r}, and {str(runs[first])!r} "
-                f"{one.robot.name!r}: open them apart"
+                f"{one.robot.name!r}: open them separately"
             )
 
 

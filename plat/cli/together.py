@@ -19,7 +19,7 @@ def check_effect(flag: str, given: object, needed: str, there: object) -> None:
 
     >>> check_effect("--seed", True, "--push", False)
     Traceback (most recent call last):
-    plat.errors.PlatError: --seed: without effect but with --push, expected that beside it
+    plat.errors.PlatError: --seed: takes effect only with --push
     """
     if given and not there:
-        raise PlatError(f"{flag}: without effect but with {needed}, expected that beside it")
+        raise PlatError(f"{flag}: takes effect only with {needed}")

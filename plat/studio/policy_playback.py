@@ -277,6 +277,6 @@ def common_timing(policies: Mapping[str, TensorDictModuleBase]) -> Timing:
         if timing.control_dt != before.control_dt:
             raise StudioError(
                 f"policy {name!r} has a control step of {timing.control_dt:g} s and {first!r} one of "
-                f"{before.control_dt:g} s: open them apart"
+                f"{before.control_dt:g} s: open them separately"
             )
     return max(timings.values(), key=lambda timing: timing.max_steps)

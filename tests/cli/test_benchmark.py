@@ -287,10 +287,10 @@ def test_a_folder_of_hard_motions_is_searched_once(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("flags", "told"),
     [
-        ({"manifest": (Path("families.csv"),)}, "--manifest: without effect but with --hard"),
-        ({"robustness": (), "strengths": 3}, "--strengths: without effect but with --robustness"),
-        ({"robustness": (), "robustness_clips": 3}, "--robustness-clips: without effect but with --robustness"),
-        ({"further_horizons": ("short",)}, "--further-horizons: without effect but with motions beside the generated"),
+        ({"manifest": (Path("families.csv"),)}, "--manifest: takes effect only with --hard"),
+        ({"robustness": (), "strengths": 3}, "--strengths: takes effect only with --robustness"),
+        ({"robustness": (), "robustness_clips": 3}, "--robustness-clips: takes effect only with --robustness"),
+        ({"further_horizons": ("short",)}, "--further-horizons: takes effect only with motions beside the generated"),
     ],
 )
 def test_flags_without_effect_are_refused_before_anything_is_read(tmp_path, flags, told):
@@ -301,7 +301,7 @@ def test_flags_without_effect_are_refused_before_anything_is_read(tmp_path, flag
 def test_an_interface_that_nothing_is_told_by_is_refused(tmp_path):
     pytest.importorskip("matplotlib")
     run = save_run(tmp_path / "plain", PlainPolicy(G1, SMALL))
-    with pytest.raises(PlatError, match="--interface: without effect but with a dense tracker"):
+    with pytest.raises(PlatError, match="--interface: takes effect only with a dense tracker"):
         benchmark.main(BenchmarkRecipe(runs=(run,), out=tmp_path / "out", interface=("line",), device="cpu"))
 
 

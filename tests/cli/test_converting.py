@@ -166,7 +166,7 @@ def test_repair_brings_mixed_rates_to_that_of_most(tmp_path, capsys):
     write_csv(tmp_path / "c_50fps.csv", bowing_clip(61))
     run("convert", tmp_path, "--out", tmp_path / "all.npz", "--repair")
     assert {clip.fps for clip in load_motions(tmp_path / "all.npz")} == {50.0}
-    assert "all brought to 50 fps, which most have" in capsys.readouterr().out
+    assert "all resampled to 50 fps, the most common rate" in capsys.readouterr().out
 
 
 def test_cut_makes_clips_of_what_stands_between_jumps(tmp_path, capsys):

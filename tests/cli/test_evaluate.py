@@ -123,7 +123,7 @@ def test_tables_say_what_conditions_they_are_of(runs, tmp_path, own, told):
 
 @pytest.mark.parametrize(("name", "dense"), [("plain", False), ("expert", True)])
 def test_an_interface_that_nothing_is_told_by_is_refused(runs, name, dense):
-    with pytest.raises(PlatError, match="--interface: without effect but with a dense tracker and no --dense"):
+    with pytest.raises(PlatError, match="--interface: takes effect only with a dense tracker and no --dense"):
         evaluate.main(recipe(runs, name, interface=("line",), dense=dense))
 
 

@@ -348,12 +348,12 @@ def test_options_without_effect_are_refused(tmp_path):
     def convert(file, **options):
         return keyframes.main(keyframes.ConvertKeyframes(file=file, out=tmp_path / "out.json", **options))
 
-    with pytest.raises(PlatError, match="--fps: without effect but with --kimodo or a file of constraints"):
+    with pytest.raises(PlatError, match="--fps: takes effect only with --kimodo or a file of constraints"):
         convert(EXAMPLE, fps=10.0)
-    with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
+    with pytest.raises(PlatError, match="--every: takes effect only with keys that have no times"):
         convert(EXAMPLE, every=5.0)
     keyframes.main(keyframes.ConvertKeyframes(file=EXAMPLE, out=tmp_path / "timed.xml"))
-    with pytest.raises(PlatError, match="--every: without effect but with keys that have no times"):
+    with pytest.raises(PlatError, match="--every: takes effect only with keys that have no times"):
         convert(tmp_path / "timed.xml", every=5.0)
     convert(EXAMPLE, fps=10.0, kimodo=True)
     (tmp_path / "out.json").rename(tmp_path / "constraints.json")

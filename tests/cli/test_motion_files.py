@@ -48,7 +48,7 @@ def test_names_are_made_distinct():
 
 def test_what_is_stated_of_files_is_refused_where_there_are_none(tmp_path):
     for option, value in (("fps", 60), ("up", "y"), ("units", "cm"), ("quat-order", "xyzw"), ("angles", "degrees")):
-        with pytest.raises(MotionError, match=f"--{option} is stated of files, and 'generated:val/bow@2' is none"):
+        with pytest.raises(MotionError, match=f"--{option} applies to files, and 'generated:val/bow@2' is generated"):
             run("inspect", "generated:val/bow@2", f"--{option}", value)
     write_csv(tmp_path / "bow.csv", bowing_clip(60))
     _, other = run("inspect", "generated:val/bow@2", tmp_path / "bow.csv", "--fps", 50)
@@ -118,7 +118,7 @@ def test_a_bad_file_of_a_folder_is_no_error_beside_a_good_file_that_is_named(fol
 def test_a_rate_that_nothing_states_is_told_where_it_is_written(tmp_path, capsys):
     write_csv(tmp_path / "bow.csv", bowing_clip(60))
     run("mirror", tmp_path / "bow.csv", "--out", tmp_path / "mirrored.npz")
-    told = "of 1 clip nothing states the frames a second, as the file says: state --fps"
+    told = "the frame rate of 1 clip is assumed, as the file notes: state it with --fps"
     assert told in capsys.readouterr().out
     run("mirror", tmp_path / "bow.csv", "--fps", 50, "--out", tmp_path / "mirrored.npz")
     assert "nothing states" not in capsys.readouterr().out

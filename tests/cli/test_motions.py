@@ -149,10 +149,10 @@ def test_the_rate_of_generated_motions_is_not_doubted():
 
 def test_options_without_effect_are_refused(tmp_path):
     save_motions(tmp_path / "walk.npz", bowing_clip())
-    with pytest.raises(PlatError, match="--pictures: without effect but with --out, expected that beside it"):
+    with pytest.raises(PlatError, match="--pictures: takes effect only with --out"):
         run("inspect", tmp_path / "walk.npz", "--pictures", 5)
     arguments = ("convert", tmp_path / "walk.npz", "--out", tmp_path / "out.npz", "--limits.slip", 0.5)
-    with pytest.raises(PlatError, match="--limits: without effect but with --repair, --cut, --drop-bad or --smooth-st"):
+    with pytest.raises(PlatError, match="--limits: takes effect only with --repair, --cut, --drop-bad or --smooth-st"):
         run(*arguments)
     assert not (tmp_path / "out.npz").exists()
     run(*arguments, "--drop-bad", "--limits.min-seconds", 0.1)

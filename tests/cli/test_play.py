@@ -247,5 +247,5 @@ def test_the_viewer_without_a_display_is_one_line():
 
 @pytest.mark.parametrize(("flag", "settings"), [("--push-every", {"push_every": 1.0}), ("--seed", {"seed": 3})])
 def test_shoves_of_no_speed_are_refused(flag, settings):
-    with pytest.raises(PlatError, match=f"{flag}: without effect but with --push, expected that beside it"):
+    with pytest.raises(PlatError, match=f"{flag}: takes effect only with --push"):
         play.main(play.PlayRecipe(policy=PLAT, keyframes=EXAMPLE, **settings))

@@ -51,7 +51,7 @@ def test_a_unit_of_angles_is_for_files_that_have_angles(tmp_path):
     np.savez(tmp_path / "person.npz", posed_joints=np.zeros((4, 22, 3)), fps=30)
     result = run(tmp_path, "--out", tmp_path / "out", "--angles", "radians")
     assert result.returncode != 0
-    assert "--angles: without effect but with files that have angles, .bvh or .amc" in result.stderr
+    assert "--angles: takes effect only with files that have angles, .bvh or .amc" in result.stderr
 
 
 def test_a_split_of_captures_of_several_rates_has_the_commonest(tmp_path):

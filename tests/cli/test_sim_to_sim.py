@@ -55,8 +55,8 @@ def test_a_controller_that_holds_the_reference_reaches_keyframes(library):
 @pytest.mark.parametrize(
     ("flags", "told"),
     [
-        ({"seed": 3, "motions": (), "keyframes": (Path("wave.json"),)}, "--seed: without effect but with --motions"),
-        ({"split": True}, "--split: without effect but with --keyframes"),
+        ({"seed": 3, "motions": (), "keyframes": (Path("wave.json"),)}, "--seed: takes effect only with --motions"),
+        ({"split": True}, "--split: takes effect only with --keyframes"),
     ],
 )
 def test_flags_without_effect_are_refused(tmp_path, flags, told):
@@ -157,7 +157,9 @@ def test_a_sequence_that_ends_early_costs_its_own_keyframes_alone(tmp_path, monk
     for file, name in zip(files, ("bad", "good"), strict=True):
         frames = (pose.at(0.1), replace(pose.at(0.2), name=name), pose.at(0.3))
         KeyframeSequence(G1, pose, frames).save(file)
-    with pytest.raises(ActionError, match="^2 of 4 runs ended early, for the simulation diverged or a target was not"):
+    with pytest.raises(
+        ActionError, match="^2 of 4 runs ended early, because the simulation diverged or a target was not"
+    ):
         sim_to_sim.main(sim_to_sim.SimToSimRecipe(bundle=tmp_path, motions=(), keyframes=files))
     lines = capsys.readouterr().out.splitlines()
     for row, line in (lines[2:4], lines[4:6]):

@@ -128,7 +128,7 @@ def test_a_file_is_proposed_under_its_own_place_in_the_folder(tmp_path, monkeypa
         ({"keyframes": Path("wave.json")}, "--keyframes: without effect on the page of --static"),
         ({"browser": False}, "--no-browser: without effect on the page of --static"),
         ({"motions": "generated:test"}, "--motions: without effect on the page of --static"),
-        ({"static": None, "libraries": Path("node_modules")}, "--libraries: without effect but with --static"),
+        ({"static": None, "libraries": Path("node_modules")}, "--libraries: takes effect only with --static"),
     ],
 )
 def test_options_that_a_page_of_files_cannot_honor_are_refused(tmp_path, options, message):
@@ -162,7 +162,7 @@ def test_policies_of_several_robots_are_opened_apart(tmp_path, monkeypatch, opti
     monkeypatch.setattr(studio, "load_policy", lambda run: SimpleNamespace(robot=robots[run.name]))
     monkeypatch.chdir(tmp_path)
     recipe = studio.StudioRecipe(runs=tuple(map(Path, robots)), **options)
-    with pytest.raises(StudioError, match="^run 'c' drives robot 'bent', and 'a' 'g1': open them apart$"):
+    with pytest.raises(StudioError, match="^run 'c' drives robot 'bent', and 'a' 'g1': open them separately$"):
         studio.main(recipe)
     studio.check_robots({}, {name: SimpleNamespace(robot=robots[name]) for name in "ab"})
 

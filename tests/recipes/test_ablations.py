@@ -438,9 +438,9 @@ def test_rows_that_fail_leave_the_others_alone(recipe, trained, asked, on_cluste
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"training": Training(motions=("a.npz",))}, "--training.motions: without effect but with --train"),
-        ({"training": Training(expert_steps=9)}, "--training.expert-steps: without effect but with --train"),
-        ({"training": Training(cpus=1), "train": True}, "--training.cpus: without effect but with --ray"),
+        ({"training": Training(motions=("a.npz",))}, "--training.motions: takes effect only with --train"),
+        ({"training": Training(expert_steps=9)}, "--training.expert-steps: takes effect only with --train"),
+        ({"training": Training(cpus=1), "train": True}, "--training.cpus: takes effect only with --ray"),
     ],
 )
 def test_settings_of_no_training_are_refused(recipe, settings, message):
