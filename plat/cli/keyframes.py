@@ -103,6 +103,9 @@ def show(command: Show) -> KeyframeSequence:
         check_start(sequence, Simulator(robot.model(timestep=control_dt / PHYSICS_STEPS), control_dt), command.file)
     except KeyframeError as error:
         print(error)  # what is looked at may be as it is
+    else:
+        if concerns := Feasibility(robot)(sequence.start, sequence.start.at(1.0), held=True):
+            print(f"a robot at rest cannot stay in the start: {'; '.join(map(str, concerns))}")
     lengths = [after - before for before, after in pairwise((0, *sequence.arrival_steps))]
     for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
         if concerns:

@@ -161,7 +161,7 @@ class Chase(Iterator[ChaseStep]):
         self._joint_target: NDArray[np.floating] | None = None
         self._began = None
         self._controller.reset()
-        self.simulator.reset(self.sequence.start)
+        _begin(self.simulator, self.sequence)
 
     def __next__(self) -> ChaseStep:
         command = self.sequence.command(self.time)
@@ -209,9 +209,17 @@ def check_start(sequence: KeyframeSequence, simulator: Simulator, file: Path) ->
         KeyframeError: naming the file.
     """
     try:
+        _begin(simulator, sequence)
+    except StateError as error:
+        raise KeyframeError(f"keyframe file {str(file)!r}: {error}") from None
+
+
+def _begin(simulator: Simulator, sequence: KeyframeSequence) -> None:
+    """Reset the robot to the start of a sequence; an error is about the start."""
+    try:
         simulator.reset(sequence.start)
     except StateError as error:
-        raise KeyframeError(f"keyframe file {str(file)!r}: start: {str(error).removeprefix('pose: ')}") from None
+        raise StateError(f"start: {str(error).removeprefix('pose: ')}") from None
 
 
 def _check_controller(controller: Controller) -> None:

@@ -89,6 +89,7 @@ class Checker:
         self._model = robot.shared_model
         self._data = mujoco.MjData(self._model)
         self._known: dict[tuple[bytes, bytes, Parts | None, float, bool], Verdict] = {}
+        self._start: tuple[bytes, Verdict] | None = None
 
     def timeline(self, timeline: Timeline) -> tuple[Verdict, ...]:
         """Return the verdict on each keyframe; those that are held or repeated, and the last one, must be balanced."""
@@ -102,6 +103,13 @@ class Checker:
             verdicts.append(verdict)
         self._known = known
         return tuple(verdicts)
+
+    def start(self, start: Keyframe) -> Verdict:
+        """Return the verdict on a start: a robot at rest must be able to stay in it."""
+        key = start.qpos.tobytes()
+        if self._start is None or self._start[0] != key:
+            self._start = key, self._verdict(start.at(0.0), start.at(1.0), held=True)
+        return self._start[1]
 
     def stance(self, qpos: np.ndarray) -> Stance:
         """Return how the robot would stand in a pose ``[7 + J]``."""

@@ -174,7 +174,10 @@ class Timeline:
     def renamed(self, name: str) -> Timeline:
         """Rename the selected keyframe; an empty name removes it."""
         self._check_keyframe("renamed")
-        return self._with_pose(replace(self.pose, name=name.strip().removesuffix(_HOLD).strip() or None))
+        name = name.strip()
+        while name.endswith(_HOLD):  # "(hold) (hold)" without its last would come back from a file as a hold
+            name = name.removesuffix(_HOLD).strip()
+        return self._with_pose(replace(self.pose, name=name or None))
 
     def commanding(self, commands: Parts | None) -> Timeline:
         """Set what the selected keyframe commands; None for the whole pose.

@@ -190,6 +190,17 @@ def test_show_tells_a_start_that_cannot_be_played(tmp_path, capsys):
     assert "low.json': start: the robot is 56 cm inside the floor, expected a start on it\n" in capsys.readouterr().out
 
 
+def test_show_tells_a_start_that_no_robot_stays_in(tmp_path, capsys):
+    stand = standing(G1)
+    for height in (0.0, 0.2):
+        start = replace(stand, root_pos=stand.root_pos + height * np.eye(3)[2])
+        KeyframeSequence(G1, start, (stand.at(0.5),)).save(tmp_path / "start.json")
+        keyframes.main(keyframes.Show(file=tmp_path / "start.json"))
+        said = capsys.readouterr().out
+        told = "\na robot at rest cannot stay in the start: the feet are 20 cm above the floor\n" in said
+        assert told == (height > 0)
+
+
 def test_keyframes_to_mjcf_and_constraints_and_back(tmp_path, capsys):
     def convert(source: Path, out: str, **more: object) -> KeyframeSequence | None:
         keyframes.main(keyframes.ConvertKeyframes(file=source, out=tmp_path / out, **more))

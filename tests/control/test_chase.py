@@ -1,11 +1,12 @@
 import math
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 import pytest
 
 from plat.control import Chase, Simulator
-from plat.errors import KeyframeError
+from plat.errors import KeyframeError, StateError
 from plat.keyframes import KeyframeSequence, only, standing
 from plat.robots import G1
 from tests.control.puppets import DEFAULT, Limp, Puppet
@@ -93,6 +94,12 @@ def test_a_push_between_steps_is_felt(simulator):
     pushed = list(chase)[-1].after
     assert pushed.root_pos_w[1] > still.root_pos_w[1] + 0.05
     assert DEFAULT.shape == pushed.joint_pos.shape
+
+
+def test_a_start_in_the_floor_is_called_the_start(simulator):
+    low = replace(POSE, root_pos=POSE.root_pos - [0, 0, 0.5])
+    with pytest.raises(StateError, match="^start: the robot is 50 cm inside the floor"):
+        Chase(Puppet(), KeyframeSequence(G1, low, (POSE.at(0.5),)), simulator)
 
 
 def test_a_policy_for_whole_poses_is_not_given_parts(simulator):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from plat.control import Feasibility
+from plat.keyframes import Keyframe
 from plat.robots import G1
 from plat.spec.parts import Parts
 from plat.studio.checker import Checker, convex_hull
@@ -78,6 +79,17 @@ def test_joints_that_are_not_commanded_do_not_count():
 @pytest.mark.parametrize(("depth", "words"), [(0.02, "on both feet, balanced"), (1.0, "100 cm inside the floor")])
 def test_a_robot_in_the_floor_stands_on_no_feet(depth, words):
     assert CHECKER.stance(G1.default_qpos - depth * np.eye(36)[2]).words.startswith(words)
+
+
+def test_a_start_that_a_robot_at_rest_cannot_stay_in_is_told():
+    checker = Checker(G1)
+    for pose, said in (
+        (moved(), ()),
+        (moved(0.0, 0.0, -0.5), ("the robot is 50 cm inside the floor",)),
+        (moved(0.0, 0.0, 0.2), ("the feet are 20 cm above the floor",)),
+    ):
+        verdict = checker.start(Keyframe.from_qpos(0.0, pose))
+        assert (verdict.words, verdict.joint, verdict.share) == (said, "", 0.0)
 
 
 def test_verdicts_follow_edits():

@@ -655,8 +655,8 @@ def test_the_lowest_point_comes_onto_the_floor_as_in_python(visitor):
 @pytest.mark.slow
 def test_a_start_deep_in_the_floor_is_refused_as_in_python(visitor):
     low = Keyframe.from_qpos(0.0, G1.default_qpos - 0.5 * np.eye(36)[2])
-    with pytest.raises(StateError) as raised:
-        Simulator(G1.shared_model).reset(low)
+    with pytest.raises(StateError, match="^start: ") as raised:
+        Chase(Puppet(), KeyframeSequence(G1, low, (low.at(1.0),)), Simulator(G1.shared_model))
     visitor.begin("bow")
     visitor.page.evaluate(
         "(qpos) => { const it = window.platStudio; it.select(0); it.edit(it.timeline.posed(qpos));"
@@ -666,7 +666,15 @@ def test_a_start_deep_in_the_floor_is_refused_as_in_python(visitor):
     assert visitor.get("notes.at(-1).text") == str(raised.value)
     assert visitor.get("players.length") == 0
     words = visitor.page.locator("#dock .words").inner_text()
-    assert words == Checker(G1).stance(low.qpos).words == "50 cm inside the floor"
+    assert [words] == list(Checker(G1).start(low).words) == ["the robot is 50 cm inside the floor"]
+    assert "▲!" in visitor.page.locator("#key-0").text_content()
+
+
+@pytest.mark.slow
+def test_a_policy_of_whole_poses_names_the_keyframe_that_it_refuses(visitor):
+    visitor.begin("bow")
+    visitor.page.evaluate("window.platStudio.pin('left hand'); window.platChannel.send({ do: 'toggle' })")
+    assert visitor.get("notes.at(-1).text").startswith("the keyframe at 0.8 s ('bow') commands a part of its pose, but")
 
 
 @pytest.mark.slow
@@ -722,7 +730,7 @@ def test_keyframes_are_added_where_the_timeline_is_clicked_twice(visitor):
     for time, bodies in ((1.8, ["left_wrist_yaw_link"]), (0.2, None)):  # of what the next one commands
         visitor.page.evaluate("time => window.platStudio.receive({ do: 'add', time })", time)
         assert visitor.get("timeline.pose.commands?.bodies ?? null") == bodies
-    for name, kept in (("up (hold)", "up"), ("(hold)", None), (" on ", "on")):
+    for name, kept in (("up (hold)", "up"), ("(hold) (hold)", None), (" on ", "on")):
         assert visitor.get(f"timeline.renamed({name!r}).pose.name") == kept, (
             "as in Python: only ends of holds are so named"
         )

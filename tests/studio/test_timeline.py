@@ -225,5 +225,7 @@ def test_only_what_a_hold_is_written_as_comes_back_as_one():
         again = Timeline.of(whole.start, (*whole.keyframes, frame), G1, whole.timing)
         assert [(kept.name, kept.commands) for kept in again.keyframes] == [("a", None), (name, second)]
         assert [(kept.name, kept.commands) for kept in again.to_keyframes()] == [("a", None), (name, second)]
+    renamed = whole.inserted(whole.pose.qpos, 0.5).renamed("a (hold) (hold) ")
+    assert len(Timeline.of(renamed.start, renamed.to_keyframes(), G1, renamed.timing).keyframes) == 2
     partial = whole.commanding(hands).held(0.4)
     assert Timeline.of(partial.start, partial.to_keyframes(), G1, partial.timing).holds == (0.4,)

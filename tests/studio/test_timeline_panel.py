@@ -2,10 +2,11 @@ import json
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from plat.errors import StudioError
-from plat.keyframes import standing
+from plat.keyframes import Keyframe, standing
 from plat.robots import G1
 
 pytest.importorskip("mink", reason="the extra plat-rl[studio] is not installed")
@@ -125,3 +126,13 @@ def test_a_browser_says_how_often_it_draws(frames, shown):
     studio = SimpleNamespace(_frames=30.0)
     Studio._suit(studio, {"do": "browser", "frames": frames})
     assert studio._frames == shown
+
+
+def test_a_start_that_no_robot_stays_in_has_the_sign_of_doubtful_keyframes(panel):
+    session, shown = panel._page.session, {}
+    panel._page.dock = SimpleNamespace(show=shown.__setitem__)
+    low = Keyframe.from_qpos(0.0, G1.default_qpos - 0.5 * np.eye(36)[2])
+    for start, words in ((standing(G1), ()), (low, ("the robot is 50 cm inside the floor",))):
+        session.edit(Timeline(G1, start, (standing(G1).at(1.0),), 1))
+        panel.show()
+        assert shown["timeline"]["poses"][0]["words"] == words

@@ -110,20 +110,19 @@ class TimelinePanel:
         session = self._page.session
         timeline = session.timeline
         scores = drawn_scores(timeline, session.playback.scores.get(session.playback.policy, ()))
-        verdicts = self._checker.timeline(timeline)
+        verdicts = (self._checker.start(timeline.start), *self._checker.timeline(timeline))
         poses: list[dict[str, Any]] = []
-        for number, (pose, label) in enumerate(zip(timeline.poses, timeline.labels, strict=True)):
-            verdict = verdicts[number - 1] if number else None
+        for number, (pose, label, verdict) in enumerate(zip(timeline.poses, timeline.labels, verdicts, strict=True)):
             poses.append(
                 {
                     "time": pose.time,
                     "hold": timeline.holds[number - 1] if number else 0.0,
                     "label": label,
                     "name": pose.name or "",
-                    "words": [] if verdict is None else verdict.words,
-                    "joint": "" if verdict is None else verdict.joint,
-                    "speed": 0.0 if verdict is None else round(verdict.speed, 2),
-                    "share": 0.0 if verdict is None else round(verdict.share, 3),
+                    "words": verdict.words,
+                    "joint": verdict.joint,
+                    "speed": round(verdict.speed, 2),
+                    "share": round(verdict.share, 3),
                     **_result(scores.get(number)),
                 }
             )

@@ -1,6 +1,6 @@
 /* Chase: one robot and one policy that goes after keyframes, and what became of each of them.
    The same rules as plat.control.Chase and plat.control.KeyframeScorer, by which they are tested. */
-import { asArrived, between, following, mask, nearestStep, withCommandedRoot } from "./keyframes.mjs";
+import { asArrived, between, following, general, mask, nearestStep, withCommandedRoot } from "./keyframes.mjs";
 import { angle } from "./rotations.mjs";
 
 /* A number that is beyond a limit, with as many digits as show it. */
@@ -15,7 +15,7 @@ export class Chase {
   constructor(robot, policy, start, frames) {
     const partial = frames.find((frame) => mask(frame, robot.site));
     if (partial && !policy.seesParts)
-      throw new Error(`the keyframe at ${partial.time} s commands a part of its pose, but ${policy.name} was trained on whole poses: command all of it, or choose another policy`);
+      throw new Error(`the keyframe at ${general(partial.time)} s${partial.name ? ` ('${partial.name}')` : ""} commands a part of its pose, but ${policy.name} was trained on whole poses: command all of it, or choose another policy`);
     Object.assign(this, { robot, policy, frames, start, control_dt: robot.site.control_dt });
     this.data = robot.begin(start.qpos);
     this.arrivals = [0, ...frames.map((frame) => nearestStep(frame.time, robot.site))];

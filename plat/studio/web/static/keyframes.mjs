@@ -59,7 +59,7 @@ const HIGHEST = 5, FARTHEST = 1000, UNIT = 1e-2, LONGEST = 86400;
 const LONG = 10; // seconds between keyframes that are hardly meant
 
 /* A number with some digits, as Python's :g writes it. */
-function general(value, digits = 6) {
+export function general(value, digits = 6) {
   const [factor, power] = value.toExponential(digits - 1).split("e");
   if (power >= -4 && power < digits) return String(Number(value.toPrecision(digits)));
   return `${Number(factor)}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
@@ -332,7 +332,7 @@ export class Timeline {
     return new Timeline(this.site, poses[0], poses.slice(1), this.holds, this.selected);
   }
   posed(qpos) { return this.withPose({ ...this.pose, qpos: [...qpos] }); }
-  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: (name.trim().endsWith(HOLD) ? name.trim().slice(0, -HOLD.length).trim() : name.trim()) || null }); }
+  renamed(name) { this.must("renamed"); return this.withPose({ ...this.pose, name: name.trim().replace(/(\s*\(hold\))+$/, "") || null }); }
   commanding(commands) { this.must("commanded in part"); return this.withPose({ ...this.pose, commands }); }
 
   inserted(pose, interval = NEW_INTERVAL, hold = 0) {

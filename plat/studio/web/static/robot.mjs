@@ -81,7 +81,7 @@ export class Robot {
 
   begin(qpos) {
     const { sunk } = this.contacts(qpos);
-    if (sunk > SUNK) throw new Error(`pose: the robot is ${(100 * sunk).toFixed(0)} cm inside the floor, expected a start on it`);
+    if (sunk > SUNK) throw new Error(`start: the robot is ${(100 * sunk).toFixed(0)} cm inside the floor, expected a start on it`);
     const data = new this.mujoco.MjData(this.model);
     data.qpos.set(qpos);
     this.mujoco.mj_forward(this.model, data);

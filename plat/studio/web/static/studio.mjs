@@ -343,6 +343,13 @@ class Studio {
     return new Set(Object.values(bodies).filter((body) => !kept.has(body)));
   }
 
+  /* What is doubtful about the start: a robot at rest must be able to stay in it. */
+  startVerdict() {
+    const { start } = this.timeline, key = String(start.qpos);
+    if (this.knownStart?.key !== key) this.knownStart = { key, verdict: verdict(this.robot, start, start, 1, true) };
+    return this.knownStart.verdict;
+  }
+
   /* What is doubtful about each keyframe, and its fastest joint; those that are held or repeated, and the last one, must be balanced. */
   verdicts() {
     const { keyframes, holds, ways } = this.timeline, known = new Map(), parts = (frame) => String(mask(frame, this.site));
@@ -530,12 +537,11 @@ class Studio {
   }
 
   show() {
-    const { timeline, site, at } = this, verdicts = this.verdicts(), scores = this.scores[this.policy] || [], { qpos } = timeline.pose;
+    const { timeline, site, at } = this, found = [this.startVerdict(), ...this.verdicts()], scores = this.scores[this.policy] || [], { qpos } = timeline.pose;
     const poses = timeline.poses.map((pose, number) => {
       const own = scores.filter((score) => score.number === number && (score.status === "fell" || !this.onTheWay(score)));
       const worst = ["fell", "late", "reached"].map((status) => own.find((score) => score.status === status)).find(Boolean);
-      const verdict = number ? verdicts[number - 1] : { words: [], joint: "", speed: 0, share: 0 };
-      return { time: pose.time, hold: number ? timeline.holds[number - 1] : 0, label: timeline.labels[number], name: pose.name || "", ...verdict, status: worst?.status ?? "waiting", result: worst?.words ?? "" };
+      return { time: pose.time, hold: number ? timeline.holds[number - 1] : 0, label: timeline.labels[number], name: pose.name || "", ...found[number], status: worst?.status ?? "waiting", result: worst?.words ?? "" };
     });
     const arrivals = new Set(timeline.toKeyframes().map((frame) => frame.time));
     const marks = timeline.keyframes.length ? timeline.sequence(this.policies[this.policy].maxSteps).filter((frame) => !arrivals.has(frame.time)).map((frame) => frame.time) : [];
