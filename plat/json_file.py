@@ -93,12 +93,21 @@ def parse_json(content: bytes, error: type[PlatError], label: str, *, constants:
         raise error(f"{label}: not a readable JSON file (byte {cause.start} is no {cause.encoding.upper()})") from None
     except json.JSONDecodeError as cause:
         where = f"line {cause.lineno}, column {cause.colno}"
-        raise error(f"{label}: not a readable JSON file ({where}: {cause.msg})") from None
+        raise error(f"{label}: not a readable JSON file ({where}: {cause.msg}{_advice(text, cause.pos)})") from None
     except RecursionError:
         raise error(f"{label}: not a readable JSON file (nested too deeply)") from None
     except ValueError:
         raise error(f"{label}: not a readable JSON file (a number of thousands of digits)") from None
     return values
+
+
+def _advice(text: str, place: int) -> str:
+    """Return what JSON has not, of what people write by hand, where it is that a text cannot be read on from."""
+    if text.startswith(("//", "/*", "#"), place):
+        return "; JSON has no comments"
+    if text.startswith(("]", "}"), place) and text[:place].rstrip().endswith(","):
+        return "; JSON has no comma before a closing bracket"
+    return ""
 
 
 def version_fault(version: object, latest: int) -> str:

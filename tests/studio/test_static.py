@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from plat.errors import KeyframeError, StateError, StudioError
+from plat.json_file import parse_json
 from plat.keyframes import Keyframe, KeyframeSequence, standing
 from plat.keyframes.files import read_keyframes, write_keyframes
 from plat.keyframes.splits import unit_doubt
@@ -338,6 +339,30 @@ def _drop(entry: dict, field: str) -> None:
 
 
 # What is wrong with a keyframe file, by a word that the message must have: how it is made.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ('{"a": "#,]", // mine\n"b": 1}', "; JSON has no comments)"),
+        ('{"a": "#//",\n}', "; JSON has no comma before a closing bracket)"),
+        ('{"a": "#,]" "b": 1}', ""),
+    ],
+)
+def test_what_json_has_not_is_told_as_in_python(visitor, text, advice):
+    with pytest.raises(KeyframeError) as raised:
+        parse_json(text.encode(), KeyframeError, "file")
+    found = visitor.page.evaluate(
+        "async (text) => { const { read } = await import('./keyframes.mjs');"
+        "try { read(text, window.platStudio.site); } catch (error) { return error.message; } }",
+        text,
+    )
+    assert found.startswith("not a readable JSON file (")
+    for message in (found, str(raised.value)):
+        told = "JSON has no" in message or "trailing comma" in message  # as Python 3.13 says by itself
+        assert told == bool(advice)
+    assert found.endswith(advice)
+
+
 _FAULTS: dict[str, list[Callable[[dict], object]]] = {
     "JSON": [lambda content: '{"format": "plat-key'],
     "format": [lambda content: "[]", lambda content: content.update(format="bvh")],

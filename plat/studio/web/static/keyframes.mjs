@@ -168,12 +168,19 @@ function checkFields(text) {
 
 const STRING = /"[^"\\]*(?:\\.[^"\\]*)*"/.source, NO_NUMBERS = ["NaN", "Infinity", "-Infinity"];
 
+/* What JSON has not, of what people write by hand. */
+function advice(text) {
+  const bare = text.replace(RegExp(STRING, "g"), '""');
+  if (/\/[/*]|#/.test(bare)) return "; JSON has no comments";
+  return /,\s*[}\]]/.test(bare) ? "; JSON has no comma before a closing bracket" : "";
+}
+
 /* The value of a JSON text. NaN and infinities, which programs write and JSON has not, are let through: whoever reads the field names it. */
 function parsed(text) {
   try { return JSON.parse(text); } catch (error) {
     const marked = text.replace(RegExp(`${STRING}|-?Infinity|NaN`, "g"), (token) => (NO_NUMBERS.includes(token) ? `"\\u0000${token}"` : token));
     const unmarked = (_, value) => (typeof value === "string" && value[0] === "\0" && NO_NUMBERS.includes(value.slice(1)) ? Number(value.slice(1)) : value);
-    try { return JSON.parse(marked, unmarked); } catch { throw new Error(`not a readable JSON file (${error.message})`); }
+    try { return JSON.parse(marked, unmarked); } catch { throw new Error(`not a readable JSON file (${error.message}${advice(text)})`); }
   }
 }
 
