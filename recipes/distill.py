@@ -24,6 +24,7 @@ from plat.objectives import ImitationLoss, LatentImitationLoss, autocast
 from plat.recipes.options import DistillRecipe
 from plat.recipes.students import make_student, trained_student
 from plat.rendering import Films
+from plat.robots import get_robot
 from plat.runs import (
     DYNAMICS_FILE,
     Budget,
@@ -45,18 +46,18 @@ def main(recipe: DistillRecipe) -> None:
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
     recipe, trained = trained_student(recipe)
-    device, timing = recipe.device, recipe.policy.timing
+    device, timing, robot = recipe.device, recipe.policy.timing, get_robot(recipe.robot)
     expected = "a teacher, such as the expert of stage 1 (--expert)"
     teacher: Teacher = SavedRun(recipe.expert).policy_as(Teacher, expected, device)  # type: ignore[type-abstract]
-    library = training_motions(recipe, timing.control_dt)
     flag = f"--expert {str(recipe.expert)!r}"
     timing.check_control_dt((timing_of(teacher) or timing).control_dt, flag)
     if isinstance(teacher, Expert):  # released trackers have motors of their own, and say what they want as plat does
-        check_drives(teacher.robot, library.robot, flag)
+        check_drives(teacher.robot, robot, flag)
     horizon = horizon_named(recipe.horizon, timing)
     if teacher.stateful and recipe.workers:
         raise ConfigError("--workers: this teacher (--expert) keeps its memory of a robot in one process, use 0")
-    student = make_student(recipe, library.robot, trained)
+    student = make_student(recipe, robot, trained)
+    library = training_motions(recipe, timing.control_dt)
     loss: Any
     if recipe.student == "latent":
         loss = LatentImitationLoss(

@@ -19,6 +19,7 @@ from plat.objectives import PPO, PPOConfig, motor_gradient
 from plat.recipes.experts import make_expert, next_stage, trained_expert
 from plat.recipes.options import ExpertRecipe
 from plat.rendering import Films
+from plat.robots import get_robot
 from plat.runs import Budget, Run, begin, report_errors, run_inputs, training_motions
 from plat.runs.announce import begins
 
@@ -29,8 +30,8 @@ def main(recipe: ExpertRecipe) -> None:
     torch.manual_seed(recipe.seed)
     recipe, start = trained_expert(recipe)
     timing = recipe.policy.timing
+    expert = make_expert(recipe, get_robot(recipe.robot), start)
     library = training_motions(recipe, timing.control_dt)
-    expert = make_expert(recipe, library.robot, start)
     critic = Critic(library.robot, expert.normalizer.in_keys, recipe.critic).to(recipe.device)
     ppo = PPO(expert.head(), critic.head(), critic.observe(), ppo_config(recipe))
     budget = Budget(recipe.minutes, recipe.steps)

@@ -11,9 +11,10 @@ from plat.evaluation import play
 from plat.modules import Expert
 from plat.motions import MotionLibrary
 from plat.recipes.experts import make_expert, next_stage, trained_expert
-from plat.recipes.learning import learn
+from plat.recipes.learning import learn, starting_model
 from plat.recipes.options import ExpertModelRecipe
 from plat.rendering import Playback
+from plat.robots import get_robot
 from plat.runs import begin, report_errors, training_motions
 from plat.tasks import DenseTracking
 
@@ -22,9 +23,10 @@ def main(recipe: ExpertModelRecipe) -> None:
     """Run the recipe."""
     recipe = begin(recipe)
     torch.manual_seed(recipe.seed)
-    recipe, start = trained_expert(recipe)
+    recipe, trained = trained_expert(recipe)
+    recipe, start = starting_model(recipe, recipe.policy.timing.control_dt)
+    expert = make_expert(recipe, get_robot(recipe.robot), trained)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
-    expert = make_expert(recipe, library.robot, start)
     goals = expert.goals  # apart from the expert, whose weights may be on a GPU: workers make tasks of their own
 
     def task(motions: MotionLibrary) -> DenseTracking:
@@ -40,7 +42,8 @@ def main(recipe: ExpertModelRecipe) -> None:
     actor = expert.deployed(tuple(expert.goals)).reset_out_keys()
     good = "fewer than 0.3 failures a second"
     effort = "residual" if residual else "action"
-    learn(recipe, library, expert, actor, task, good=good, show=show, weights={"init": start}, effort=effort)
+    started = {"init": trained}
+    learn(recipe, library, expert, actor, task, good=good, show=show, weights=started, start=start, effort=effort)
 
 
 def after(recipe: ExpertModelRecipe) -> str:

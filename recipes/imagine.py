@@ -14,10 +14,11 @@ from plat.evaluation import play
 from plat.modules import LatentPolicy, PlainPolicy
 from plat.motions import MotionLibrary
 from plat.objectives import LatentImaginationLoss
-from plat.recipes.learning import learn
+from plat.recipes.learning import learn, starting_model
 from plat.recipes.options import ImagineRecipe, check_distant
 from plat.recipes.students import make_student, trained_student
 from plat.rendering import Playback
+from plat.robots import get_robot
 from plat.runs import begin, report_errors, training_motions
 from plat.runs.announce import next_command
 from plat.tasks import TimedKeyframes
@@ -32,8 +33,9 @@ def main(recipe: ImagineRecipe) -> None:
     torch.manual_seed(recipe.seed)
     recipe, trained = trained_student(recipe)
     check_distant(recipe, recipe.policy.timing)
+    recipe, start = starting_model(recipe, recipe.policy.timing.control_dt)
+    student = make_student(recipe, get_robot(recipe.robot), trained)
     library = training_motions(recipe, recipe.policy.timing.control_dt)
-    student = make_student(recipe, library.robot, trained)
 
     def task(motions: MotionLibrary) -> TimedKeyframes:
         return TimedKeyframes(motions, recipe.task, timing=recipe.policy.timing, seed=recipe.seed)
@@ -41,7 +43,7 @@ def main(recipe: ImagineRecipe) -> None:
     def show(average: LatentPolicy | PlainPolicy) -> Playback:
         return play(average.deployed(), library, 0, Horizon(1, recipe.policy.timing.max_steps), device=recipe.device)
 
-    settings: dict[str, Any] = {"reference_updates": 0 if trained else REFERENCE_UPDATES}
+    settings: dict[str, Any] = {"start": start, "reference_updates": 0 if trained else REFERENCE_UPDATES}
     if recipe.posterior:
         loss = partial(LatentImaginationLoss, beta=recipe.beta)
         settings |= {"imagined": student.imagined(recipe.posterior), "loss": loss}

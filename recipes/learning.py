@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
@@ -26,7 +26,7 @@ from plat.motions import MotionLibrary
 from plat.objectives import ImaginationLearner, ImaginationLoss, exploring
 from plat.recipes.options import ImaginationRecipe
 from plat.rendering import Films, Playback
-from plat.robots import G1
+from plat.robots import G1, get_robot
 from plat.runs import DYNAMICS_FILE, Budget, Run, SavedRun, load_dynamics, run_inputs
 from plat.runs.announce import begins
 from plat.runs.outputs import is_kept
@@ -34,6 +34,8 @@ from plat.spec.timing import Timing
 from plat.tasks import SimulatedTask, Task
 from plat.tasks.disturbed import measuring
 from plat.words import counted
+
+R = TypeVar("R", bound=ImaginationRecipe)
 
 MODEL_STEPS = 48
 """Control steps over which the model's error is reported."""
@@ -51,6 +53,7 @@ def learn(
     good: str,
     show: Callable[[Any], Playback],
     weights: Mapping[str, nn.Module | None],
+    start: DynamicsModel | None,
     effort: NestedKey = "action",
     imagined: TensorDictModuleBase | None = None,
     loss: Callable[..., ImaginationLoss] = ImaginationLoss,
@@ -67,6 +70,7 @@ def learn(
         good: which figures on the screen are good.
         show: returns a playback of a policy, for videos.
         weights: other runs' policies that it started from, by the name of the setting; None for none.
+        start: model of the robot to go on from, see :func:`starting_model`; None for a new one.
         effort: entry of the actor that is kept small.
         imagined: what imagined robots act by; None for the actor.
         loss: the policy's loss.
@@ -75,19 +79,12 @@ def learn(
     goes_on = recipe.resume and is_kept(recipe.out)  # else it starts over
     recipe = replace(recipe, imagination=recipe.with_rates(SavedRun(recipe.out).settings if goes_on else None))
     device, settings = recipe.device, recipe.imagination
-    if settings.window >= (kept := _multiple(recipe.replay, recipe.rollout)):  # a window begins with a state more
-        raise ConfigError(f"--imagination.window {settings.window}: expected less than the {kept} steps of --replay")
     # read before the work: what is wrong with them had better be said now
     unseen = unseen_motions(recipe, library)
     num_parameters = num_physics(library.robot) if recipe.disturbed else 0
     imagined = imagined or actor
     if recipe.disturbed:
         actor, imagined = (measuring(acts, NoiseLevels().scaled(recipe.disturbed)) for acts in (actor, imagined))
-    start = None
-    if recipe.init_model:
-        start = load_dynamics(recipe.init_model, library.robot, device, num_parameters)
-        recipe = _shaped_like(start, recipe, library.dt)
-        _tell_strength(recipe)
     inputs = run_inputs(library, init_model=start, **weights)
     if start is not None:
         model = start
@@ -177,6 +174,27 @@ def learn(
         run.finish()
 
 
+def starting_model(recipe: R, dt: float) -> tuple[R, DynamicsModel | None]:
+    """Return the model that ``--init-model`` names, or None, and the recipe in its shape.
+
+    Recipes ask for it before they read motions, which may take long.
+
+    Args:
+        recipe: settings.
+        dt: control step (s) of the policy.
+
+    Raises:
+        PlatError: for a run without a model, or one of another robot, control step or shape.
+    """
+    if not recipe.init_model:
+        return recipe, None
+    robot = get_robot(recipe.robot)
+    start = load_dynamics(recipe.init_model, robot, recipe.device, num_physics(robot) if recipe.disturbed else 0)
+    recipe = _shaped_like(start, recipe, dt)
+    _tell_strength(recipe)
+    return recipe, start
+
+
 def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionLibrary | None:
     """Return the motions on which the model's error is reported; None for none.
 
@@ -191,7 +209,7 @@ def unseen_motions(recipe: ImaginationRecipe, library: MotionLibrary) -> MotionL
     return MotionLibrary.load(recipe.unseen, library.robot, dt=library.dt).to(recipe.device)
 
 
-def _shaped_like(start: DynamicsModel, recipe: ImaginationRecipe, dt: float) -> ImaginationRecipe:
+def _shaped_like(start: DynamicsModel, recipe: R, dt: float) -> R:
     """Return the recipe with the shape of the model that it goes on from, which has to have its control step (s).
 
     Raises:

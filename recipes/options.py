@@ -298,6 +298,10 @@ class ImaginationRecipe(RecipeConfig):
             what = f"{type(self).__name__}: overlap is True, and physics 'warp' is on one device"
             raise ConfigError(f"{what}: expected overlap to be False")
         settings = self.imagination
+        kept = -(-self.replay // self.rollout) * self.rollout
+        if settings.window >= kept:  # a window begins with a state more
+            what = f"{type(self).__name__}: imagination.window is {settings.window}"
+            raise ConfigError(f"{what}, expected less than the {kept} steps of replay")
         if not settings.critic:
             check_idle(self, "imagination", ("lost_cost",), "without imagination.critic nobody is told of it")
         if settings.constant == 1:

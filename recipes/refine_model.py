@@ -10,7 +10,7 @@ from plat.envs.transforms import Horizon
 from plat.evaluation import play
 from plat.modules import Refinement
 from plat.motions import MotionLibrary
-from plat.recipes.learning import learn
+from plat.recipes.learning import learn, starting_model
 from plat.recipes.options import RefineModelRecipe, check_distant
 from plat.recipes.refine import VARIANTS, load_student
 from plat.rendering import Playback
@@ -26,6 +26,7 @@ def main(recipe: RefineModelRecipe) -> None:
     device = recipe.device
     student, timing = load_student(recipe, "plat distill or plat imagine --student latent")
     check_distant(recipe, timing)
+    recipe, start = starting_model(recipe, timing.control_dt)
     library = training_motions(recipe, timing.control_dt)
     policy = VARIANTS[recipe.variant](student, recipe.policy).to(device)
 
@@ -36,7 +37,8 @@ def main(recipe: RefineModelRecipe) -> None:
         return play(average.deployed(), library, 0, Horizon(1, timing.max_steps), device=recipe.device)
 
     good = "failures that fall; plat evaluate says the rest"
-    learn(recipe, library, policy, policy.deployed(), task, good=good, show=show, weights={"student": student})
+    started = {"student": student}
+    learn(recipe, library, policy, policy.deployed(), task, good=good, show=show, weights=started, start=start)
 
 
 def after(recipe: RefineModelRecipe) -> str:

@@ -138,7 +138,7 @@ def make_keyframe_env(
     """
     config = config or KeyframeTaskConfig()
     check_value("library", library, MotionLibrary)
-    check_value("config", config, DistillationTaskConfig)
+    check_value("config", config, KeyframeTaskConfig | DistillationTaskConfig)
     check_value("timing", timing, Timing | None)
     check_value("dense_goals", dense_goals, Mapping)
     timing = timing or Timing(control_dt=library.dt)

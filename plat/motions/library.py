@@ -316,6 +316,8 @@ class MotionLibrary:
         check_robot(robot)
         check_value("motion library: dt", dt, Annotated[float, Range(0.001, 1)])
         names = [str(name) for name in patterns_in(motions)]
+        if not names:
+            raise MotionError("motion library: no motions, expected at least one file")
         generated = [name for name in names if name.startswith(PREFIX)]
         files = [name for name in names if not name.startswith(PREFIX)]
         paths = motion_paths(files) if files else []

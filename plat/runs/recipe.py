@@ -17,7 +17,7 @@ from plat.envs.settings import PhysicsName, check_physics
 from plat.errors import ConfigError, PlatError
 from plat.files import check_folder
 from plat.runs.budget import Budget
-from plat.runs.loggers import LoggerName, chosen_loggers
+from plat.runs.loggers import LoggerName, check_logger, chosen_loggers
 from plat.runs.outputs import check_out
 from plat.runs.user_modules import Imports, import_modules
 from plat.streams import standard_streams
@@ -66,8 +66,8 @@ def begin(recipe: T) -> T:
     """Return the settings of a recipe on its device, after a check of all that does not need its motions.
 
     Raises:
-        PlatError: for a module, device, robot, physics or Ray that is not there, no budget, a folder that cannot be
-            written to, one that holds a run already, or one that holds none to resume.
+        PlatError: for a module, device, robot, physics, Ray or logger that is not there, no budget, a folder that
+            cannot be written to, one that holds a run already, or one that holds none to resume.
     """
     from plat.robots import get_robot  # torch, as above
 
@@ -78,6 +78,8 @@ def begin(recipe: T) -> T:
     check_physics(recipe.physics)
     if recipe.ray:
         check_ray()
+    for logger in recipe.loggers:
+        check_logger(logger)
     check_folder(recipe.out)
     check_out(recipe.out, resume=recipe.resume)
     return recipe

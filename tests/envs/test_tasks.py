@@ -154,7 +154,11 @@ ALIVE = Reward("alive", 1.0, lambda before, after: torch.ones(after.batch_size))
 @pytest.mark.parametrize(
     ("make", "arguments", "message"),
     [
-        (make_keyframe_env, {"config": TrackingTaskConfig()}, "config is TrackingTask.*, expected a Distill"),
+        (
+            make_keyframe_env,
+            {"config": TrackingTaskConfig()},
+            "config is Tracking.*, expected a KeyframeTaskConfig or a Distill",
+        ),
         (make_tracking_env, {"config": KeyframeTaskConfig()}, "config is KeyframeTask.*, expected a Tracking"),
         (make_keyframe_env, {"timing": 0.02}, "timing is 0.02, expected a Timing or None"),
         (make_tracking_env, {"goals": "goal"}, "goals is 'goal', expected a Mapping"),

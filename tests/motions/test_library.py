@@ -372,6 +372,8 @@ def test_a_full_disk_only_costs_the_cache(tmp_path):
 def test_bad_input():
     with pytest.raises(MotionError, match="no clips"):
         MotionLibrary.from_clips([])
+    with pytest.raises(MotionError, match="motion library: no motions, expected at least one file"):
+        MotionLibrary.load([])
     blink = MotionClip("blink", standing_clip(frames=2, fps=300.0).qpos, 300.0)
     with pytest.raises(MotionError, match="motion 'blink': 0.003 s, expected at least one control step"):
         MotionLibrary.from_clips([blink])

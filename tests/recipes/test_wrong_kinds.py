@@ -1,5 +1,6 @@
 """Runs of the wrong kind, and settings that make no sense, end in one line."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from plat.errors import ConfigError
 from plat.modules import Expert, ExpertConfig, LatentPolicy, PlainPolicy, ResidualLatentPolicy, WalkingReach
 from plat.objectives import MotorGradientConfig
-from plat.recipes import distill, expert, refine, refine_model
+from plat.recipes import distill, expert, expert_model, imagine, refine, refine_model
 from plat.recipes.students import make_student, trained_student
 from plat.robots import G1, Robot, register_robot
 from plat.runs import report_errors
@@ -107,6 +108,51 @@ def test_going_on_from_what_is_no_expert(tmp_path):
     run = save_run(tmp_path / "plain", POLICIES["plain"]())
     message = last_line(expert.main, expert.ExpertRecipe(init=run, **settings(tmp_path)))
     assert "holds a policy of kind 'plain', expected an expert (--init)" in message
+
+
+SHORT = replace(SMALL, timing=Timing(max_steps=25))
+TOLD_FIRST = {
+    "no model": (imagine, imagine.ImagineRecipe, {"init_model": "expert"}, "dynamics.safetensors': no such file"),
+    "no model of an expert": (
+        expert_model,
+        expert_model.ExpertModelRecipe,
+        {"init_model": "expert"},
+        "dynamics.safetensors': no such file",
+    ),
+    "no model to refine in": (
+        refine_model,
+        refine_model.RefineModelRecipe,
+        {"student": "latent", "init_model": "expert"},
+        "dynamics.safetensors': no such file",
+    ),
+    "fewer neurons": (
+        expert,
+        expert.ExpertRecipe,
+        {"init": "expert", "policy": ExpertConfig(hidden=(4,))},
+        "(--policy.ahead, --policy.hidden)",
+    ),
+    "horizon": (
+        distill,
+        distill.DistillRecipe,
+        {"expert": "expert", "policy": SHORT},
+        "horizon 'mixed': 50 control steps, expected at most the policy's 25; 'all' is every length up to that",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TOLD_FIRST)
+def test_wrong_runs_are_told_before_motions_are_read(tmp_path, case):
+    module, kind, given, told = TOLD_FIRST[case]
+    runs = {name: save_run(tmp_path / name, POLICIES[name]()) for name in ("expert", "latent")}
+    given = {name: runs.get(value, value) if isinstance(value, str) else value for name, value in given.items()}
+    recipe = kind(**{**settings(tmp_path), "motions": ("nowhere.npz",)}, **given)
+    assert told in last_line(module.main, recipe)
+
+
+def test_a_logger_that_is_missing_is_told_before_motions_are_read(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trackio", None)
+    recipe = imagine.ImagineRecipe(**{**settings(tmp_path), "motions": ("nowhere.npz",)}, trackio=True)
+    assert "--trackio needs: pip install" in last_line(imagine.main, recipe)
 
 
 def test_an_expert_that_sees_too_few_frames(tmp_path):

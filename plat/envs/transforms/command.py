@@ -74,7 +74,9 @@ def horizon_named(name: str, timing: Timing) -> Horizon:
         return Horizon(1, timing.max_steps)
     if not isinstance(name, str) or name not in HORIZONS:
         raise TaskError(f"horizon is {name!r}, expected one of: {', '.join(HORIZONS)}, all")
-    timing.check_steps(HORIZONS[name].longest, f"horizon {name!r}")
+    if HORIZONS[name].longest > timing.max_steps:
+        told = f"expected at most the policy's {timing.max_steps}; 'all' is every length up to that"
+        raise TaskError(f"horizon {name!r}: {HORIZONS[name].longest} control steps, {told}")
     return HORIZONS[name]
 
 

@@ -43,6 +43,8 @@ def test_horizons_by_name():
         horizon_named("far", Timing())
     with pytest.raises(PlatError, match="horizon 'distant': 150 control steps, expected at most the policy's 50"):
         horizon_named("distant", Timing())
+    with pytest.raises(TaskError, match="at most the policy's 25; 'all' is every length up to that"):
+        horizon_named("mixed", Timing(max_steps=25))
 
 
 def test_motions_and_commands_that_do_not_fit_the_timing(library):
