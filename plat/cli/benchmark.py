@@ -42,6 +42,7 @@ from plat.files import check_folder, readable, replace_file
 from plat.motions import MotionLibrary
 from plat.robots import Robot, get_robot
 from plat.runs import on_device
+from plat.runs.lock import RunLock
 from plat.runs.user_modules import import_modules
 from plat.version import __version__
 from plat.words import counted
@@ -94,6 +95,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
     tracks = any(entrant.tracks for entrant in entrants.values())
     check_effect("--interface", recipe.interface != type(recipe).interface, "a dense tracker", tracks)
     control_dt = common_control_dt(entrants, (*recipe.horizons, *recipe.further_horizons))
+    lock = RunLock(recipe.out)  # until this ends: one at a time
     sets = motion_sets(recipe, robot, control_dt)
     studies: dict[str, Study] = {}
     write_about(recipe.out, about(recipe, candidates, sets))
@@ -117,6 +119,7 @@ def main(recipe: BenchmarkRecipe) -> dict[str, Study]:
         # after each set: what is done can be read while the next one runs; files of an earlier start are not
         replace_file(recipe.out / "benchmark.md", partial(_write, text=page(recipe.out, sets=studies)))
     print(f"\n{recipe.out / 'benchmark.md'}")
+    lock.release()
     return studies
 
 

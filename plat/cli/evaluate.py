@@ -44,6 +44,7 @@ from plat.motions import MotionLibrary
 from plat.rendering import Playback, RenderingError, Stage
 from plat.robots import get_robot
 from plat.runs import check_logger, log_table, on_device, start_logging
+from plat.runs.lock import RunLock
 from plat.runs.user_modules import import_modules
 from plat.spec.timing import Timing
 from plat.words import counted
@@ -90,6 +91,7 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
     entrants = {candidate.name: entrant for candidate, entrant in found.items()}
     told = not recipe.dense and any(entrant.tracks for entrant in entrants.values())
     check_effect("--interface", recipe.interface != type(recipe).interface, "a dense tracker and no --dense", told)
+    lock = None if recipe.out is None else RunLock(recipe.out / "records")  # until this ends: one at a time
     read: list[Path] = []
     library = MotionLibrary.load(recipe.motions, robot, dt=common_control_dt(entrants, recipe.horizon), found=read)
     if recipe.csv is not None:
@@ -168,6 +170,8 @@ def main(recipe: EvaluateRecipe) -> list[Score]:
             run = start_logging(logger, "evaluation", Path(), settings)
             log_table(run, "evaluation", COLUMNS, rows(scores), pictures)
             run.finish()
+    if lock is not None:
+        lock.release()
     return scores
 
 

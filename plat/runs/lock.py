@@ -1,4 +1,4 @@
-"""Lock on a run directory, so that one process at a time trains into it."""
+"""Lock on a run directory, so that one process at a time trains into it; folders of scores have one as well."""
 
 import contextlib
 import errno
@@ -89,7 +89,7 @@ class _Holding:
             process = self.file.read(20).strip()
             self.file.close()
             raise CheckpointError(
-                f"{str(folder)!r}: process {process or 'unknown'} is training into it; wait until it ends, or choose "
+                f"{str(folder)!r}: process {process or 'unknown'} is writing into it; wait until it ends, or choose "
                 "another --out"
             ) from None
         with contextlib.suppress(OSError):  # a full disk: the number is for messages only

@@ -15,16 +15,18 @@ from plat.cli.benchmark_page import FIGURES, page, publish
 from plat.cli.benchmark_page import main as publish_words
 from plat.cli.options import BenchmarkRecipe
 from plat.cli.settings import parse
-from plat.errors import OutputError, PlatError, RecordsError
+from plat.errors import CheckpointError, OutputError, PlatError, RecordsError
 from plat.evaluation import Entrant, authored_cells, study
 from plat.evaluation.cells import Candidate, Cell
 from plat.evaluation.disturbance import STRENGTHS, Strength
 from plat.evaluation.study import Study
 from plat.evaluation.study_files import TABLES
 from plat.figures import pyplot
+from plat.files import lock_file
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.motions import MotionLibrary, save_motions
 from plat.robots import G1
+from plat.runs.lock import LOCK_FILE
 from plat.spec.timing import Timing
 from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records
@@ -340,6 +342,15 @@ def test_tables_of_an_earlier_start_are_not_under_the_head_of_another(recipe, mo
     assert "## " not in page(recipe.out)
     assert not (recipe.out / "benchmark.md").exists()
     assert list((recipe.out / "motions" / "records").iterdir())
+
+
+def test_one_benchmark_at_a_time_writes_into_a_folder(recipe):
+    text = (recipe.out / "about.json").read_text()
+    with (recipe.out / LOCK_FILE).open("a+") as file:
+        lock_file(file)  # as another process would
+        with pytest.raises(CheckpointError, match="is writing into it; wait until it ends, or choose another --out"):
+            benchmark.main(replace(recipe, seed=6))
+    assert (recipe.out / "about.json").read_text() == text
 
 
 def test_pictures_of_an_earlier_start_do_not_stay(tmp_path, monkeypatch):

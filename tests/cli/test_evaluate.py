@@ -10,12 +10,14 @@ from plat.baselines import ReleasedTrackers
 from plat.cli import evaluate
 from plat.control.authored import author
 from plat.envs.transforms import HORIZONS, RandomizationRanges
-from plat.errors import MotionError, OutputError, PlatError
+from plat.errors import CheckpointError, MotionError, OutputError, PlatError
 from plat.evaluation import authored_cells, entrant
 from plat.evaluation.study import Study
+from plat.files import lock_file
 from plat.modules import Expert, ExpertConfig, PlainPolicy
 from plat.motions import files, save_motions
 from plat.robots import G1
+from plat.runs.lock import LOCK_FILE
 from plat.spec.timing import Timing
 from tests.conftest import standing_clip
 from tests.evaluation.authored import authored_records
@@ -311,6 +313,17 @@ def test_authored_keyframes_of_an_earlier_start_are_kept(runs, capsys, tmp_path,
     evaluate.main(authored)
     table = before.index("plain, authored keyframes")
     assert before[table:] in capsys.readouterr().out
+
+
+def test_one_evaluation_at_a_time_writes_into_a_folder(runs, tmp_path):
+    settings = recipe(runs, "plain", only="run", out=tmp_path / "all")
+    (tmp_path / "all" / "records").mkdir(parents=True)
+    with (tmp_path / "all" / "records" / LOCK_FILE).open("a+") as file:
+        lock_file(file)  # as another process would
+        with pytest.raises(CheckpointError, match="all/records': process unknown is writing into it; wait until it"):
+            evaluate.main(settings)
+    evaluate.main(settings)
+    assert (tmp_path / "all" / "scores.csv").exists()
 
 
 def test_tables_of_an_earlier_start_do_not_stay(runs, tmp_path, made_up):

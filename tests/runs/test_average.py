@@ -291,7 +291,7 @@ def test_a_folder_that_is_trained_into_is_left_alone(tmp_path):
     command = [sys.executable, "-c", held, str(tmp_path / "busy")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as training:
         assert training.stdout.readline()
-        with pytest.raises(CheckpointError, match="is training into it"):
+        with pytest.raises(CheckpointError, match="is writing into it"):
             average_runs([tmp_path / "one"] * 2, tmp_path / "busy")
         training.communicate(b"\n")
     assert not (tmp_path / "busy" / "config.json").exists()

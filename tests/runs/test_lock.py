@@ -29,7 +29,7 @@ def test_one_process_holds_it_until_its_last_lock_is_released(tmp_path):
     locks = [RunLock(tmp_path), RunLock(tmp_path / ".." / tmp_path.name)]
     for lock in locks:
         _, error = another_process(tmp_path).communicate(timeout=60)
-        assert "is training into it; wait until it ends, or choose another --out" in error
+        assert "is writing into it; wait until it ends, or choose another --out" in error
         lock.release()
         lock.release()
     assert another_process(tmp_path).communicate(timeout=60) == ("locked\n", "")
@@ -38,7 +38,7 @@ def test_one_process_holds_it_until_its_last_lock_is_released(tmp_path):
 def test_a_kill_frees_it(tmp_path):
     with another_process(tmp_path) as other:
         assert other.stdout.readline() == "locked\n"
-        with pytest.raises(CheckpointError, match=f"process {other.pid} is training into it"):
+        with pytest.raises(CheckpointError, match=f"process {other.pid} is writing into it"):
             RunLock(tmp_path)
         other.kill()
         other.wait()
