@@ -78,6 +78,8 @@ def read_bvh(path: str | Path, fps: float | None = None, angles: Angles | None =
     joints = _hierarchy(lines)
     values, seconds, notes = _motion(lines, sum(len(joint.channels) for joint in joints), timed=fps is None)
     rate = fps or checked_rate(path, seconds)
+    if fps is None and abs(rate * seconds - 1) > 1e-3:
+        notes = (*notes, f"{rate:g} fps assumed for the rounded 'Frame Time' {seconds:g}")
     check_extent(f"BVH file {str(path)!r}", len(joints), len(values), len(text))
     positions, rotations, of_angles = _settled(joints, values, angles)
     bodies = sum(joint.parent < 0 for joint in joints)

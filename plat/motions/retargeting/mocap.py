@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from plat.errors import MotionError
+from plat.motions.formats.rate import RATES
 
 __all__ = ["FPS", "LARGEST_RADIANS", "Mocap", "check_extent", "checked_rate", "may_be_radians", "reads_better"]
 
@@ -21,6 +22,8 @@ LARGEST_RADIANS = 7.0
 _STILLER = 0.5
 # Cosine to their mean direction: LAFAN1's skeleton is such a bundle before it turns, and no body is.
 _BUNDLED = 0.97
+# A rounded frame time makes another rate of a usual one by a smaller share than this.
+_ROUNDED = 0.025
 FPS = (8.0, 1000.0)
 """Frames a second of motion capture, lowest and highest."""
 
@@ -75,17 +78,22 @@ def check_extent(where: str, joints: int, frames: int, size: int) -> None:
 
 
 def checked_rate(path: str | Path, seconds: float) -> float:
-    """Return the frames a second of a stated frame time (s).
+    """Return the frames a second of a stated frame time (s), the usual one of a rounded time.
 
     Raises:
         MotionError: for a rate that no capture has, with the rates that the number may mean.
 
-    >>> checked_rate("a.bvh", 0.0333333)
-    30.0
+    >>> checked_rate("a.bvh", 0.0333333), checked_rate("a.bvh", 0.017), checked_rate("a.bvh", 0.033367)
+    (30.0, 60.0, 29.969730572122156)
     """
-    # files round the frame time: 0.0333333 is 30 frames a second
+    # files round the frame time: 0.0333333 is 30 frames a second, and 0.017 are 60
     fps = 1.0 / seconds
-    fps = float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
+    last = 10.0 ** -len(f"{seconds:.10f}".rstrip("0").partition(".")[2])  # decimal that is written
+    usual = [rate for rate in RATES if abs(1 / rate - seconds) < last and abs(rate - fps) < _ROUNDED * fps]
+    if abs(fps - round(fps)) < 1e-3 * fps:
+        fps = float(round(fps))
+    elif len(usual) == 1:
+        fps = usual[0]
     if FPS[0] <= fps <= FPS[1]:
         return fps
     meant = []

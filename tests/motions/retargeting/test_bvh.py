@@ -301,3 +301,19 @@ def test_of_two_people_one_is_read_and_told(tmp_path):
     (tmp_path / "two.bvh").write_text(tree + "MOTION\n" + "\n".join(both))
     assert read_bvh(tmp_path / "two.bvh").notes == ("one of 2 skeletons in the file",)
     assert read_bvh(tmp_path / "a.bvh").notes == ()
+
+
+@pytest.mark.parametrize(
+    ("written", "rate"),
+    [("0.017", 60), ("0.0166", 60), ("0.033", 30), ("0.0083", 120), ("0.042", 24)],
+)
+def test_a_rounded_frame_time_is_that_of_a_usual_rate(tmp_path, written, rate):
+    bvh = read(tmp_path, TEXT.replace("Frame Time: 0.01", f"Frame Time: {written}"))
+    assert bvh.fps == rate
+    assert f"{rate} fps assumed for the rounded 'Frame Time' {written}" in bvh.notes
+
+
+@pytest.mark.parametrize(("written", "rate"), [("0.008", 125), ("0.016", 62.5), ("0.033367", 29.97), ("0.02", 50)])
+def test_a_frame_time_that_is_not_rounded_is_as_it_says(tmp_path, written, rate):
+    bvh = read(tmp_path, TEXT.replace("Frame Time: 0.01", f"Frame Time: {written}"))
+    assert (bvh.fps, bvh.notes) == (pytest.approx(rate, rel=1e-4), ())
