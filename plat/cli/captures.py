@@ -71,7 +71,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
     )
     for path, name, result in zip(paths, names, results, strict=True):
         if isinstance(result, MotionError):
-            print(f"skipped: {result}", flush=True)
+            print(f"skipped: {_of_this(str(result))}", flush=True)
             failed += 1
             if unknown is None and (found := getattr(result, "proposed", None)) is not None:
                 unknown = path, found
@@ -85,7 +85,7 @@ def retarget(command: Retarget) -> list[Retargeted]:
         print(
             f"{in_table(clip.name):<44}{frames:>7}{clip.duration:>7.1f}{100 * result.error:>10.2f}"
             f"{1000 * result.penetration:>10.2f}{1000 * result.floating:>10.2f}{100 * result.slip:>11.2f}"
-            f"{frames / result.seconds:>6.0f}  {', '.join(clip.notes) or 'as stated'}",
+            f"{frames / result.seconds:>6.0f}  {_of_this(', '.join(clip.notes)) or 'as stated'}",
             flush=True,
         )
         if not command.split:
@@ -110,6 +110,11 @@ def retarget(command: Retarget) -> list[Retargeted]:
     if failed:
         raise MotionError(f"{failed} of {counted(len(paths), 'file')} could not be used; see above")
     return made
+
+
+def _of_this(told: str) -> str:
+    """Return a line with the options that it names as those of this command, which has them too."""
+    return told.replace("plat motions convert --", "plat motions retarget --")
 
 
 def _propose(path: Path, skeleton: SkeletonMap) -> Path:

@@ -90,6 +90,7 @@ def test_what_was_found_stands_beside_each_clip(tmp_path):
     write_human(tmp_path / "a.bvh", frames=3, up="z")
     text = (tmp_path / "a.bvh").read_text()
     (tmp_path / "a.bvh").write_text(text.replace("Frames: 3", "Frames: 4").replace("0.033333", "33.3333"))
-    assert "30 if it is in milliseconds" in run(tmp_path / "a.bvh", "--out", tmp_path / "out").stdout
+    told = "33.33 if it is the rate itself); state it: plat motions retarget --fps"  # which has the option too
+    assert told in run(tmp_path / "a.bvh", "--out", tmp_path / "out").stdout
     result = run(tmp_path / "a.bvh", "--fps", "30", "--out", tmp_path / "out")
     assert "map lafan1, 3 frames, for 'Frames:' says 4, z up and not y, as stated: the body" in result.stdout
