@@ -46,7 +46,7 @@ def convert(command: Convert) -> list[Path]:
         for when, which in (("before", 0), ("after", 1)):
             print(f"{when}: {counted_verdicts([pair[which] for pair in verdicts])}")
     written = write(command.out, [file for file in files if file.clips], command.format, get_robot(command.robot))
-    tell_lost(command, skipped, len(files), lost)
+    tell_lost(command, skipped, files, lost)
     return written
 
 
@@ -62,7 +62,7 @@ def mirror(command: Mirror) -> list[Path]:
         lost.short += len(file.clips) - len(clips)
         files.append(replace(file, clips=clips))
     written = write(command.out, [file for file in files if file.clips], "npz", robot)
-    tell_lost(command, skipped, len(files), lost)
+    tell_lost(command, skipped, files, lost)
     return written
 
 

@@ -34,6 +34,7 @@ __all__ = [
     "long_enough",
     "read",
     "tell_lost",
+    "unused",
     "write",
 ]
 
@@ -96,14 +97,23 @@ def _refuse_stated(command: MotionFiles, name: str) -> None:
             raise MotionError(f"{option} applies to files, and {name!r} is generated")
 
 
-def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], good: int, lost: Lost) -> None:
+def unused(skipped: Sequence[MotionError], files: Sequence[MotionFile]) -> str:
+    """Return how many files could not be used, and how many motions of others; empty where all could."""
+    partly = sum(bool(file.broken) for file in files)
+    whole, motions = len(skipped) - partly, sum(len(file.broken) for file in files)
+    told = [f"{whole} of {counted(whole + len(files), 'file')}"] if whole else []
+    told += [f"{counted(motions, 'motion')} of {counted(partly, 'file')}"] if partly else []
+    return f"{' and '.join(told)} could not be used" if told else ""
+
+
+def tell_lost(command: MotionFiles, skipped: Sequence[MotionError], files: Sequence[MotionFile], lost: Lost) -> None:
     """Say at the end what was not written; what was left out as asked, or found in a folder, is no error.
 
     Raises:
         MotionError: for files that were named and could not be used, and for clips that were too short.
     """
     counts = {
-        f"{len(skipped)} of {counted(len(skipped) + good, 'file')} could not be used": len(skipped),
+        unused(skipped, files): len(skipped),
         f"{lost.short} {'clip was' if lost.short == 1 else 'clips were'} too short": lost.short,
         f"{lost.dropped} {'was' if lost.dropped == 1 else 'were'} dropped, as asked": lost.dropped,
     }

@@ -16,7 +16,7 @@ import plat.headless  # noqa: F401
 
 from plat.cli.captures import draw_maps, retarget
 from plat.cli.converting import convert, counted_verdicts, mirror
-from plat.cli.motion_files import GENERATED, distinct_names, file_name, read
+from plat.cli.motion_files import GENERATED, distinct_names, file_name, read, unused
 from plat.cli.options import Convert, Inspect, Map, Mirror, MotionsCommand
 from plat.cli.together import check_effect
 from plat.errors import MotionError
@@ -61,9 +61,7 @@ def inspect(command: Inspect) -> list[MotionReport]:
             plot(picture, clips[index], reports[index], command.limits, robot)
         print(f"wrote {command.out}")
     if skipped:
-        raise MotionError(
-            f"{len(skipped)} of {counted(len(skipped) + len(files), 'file')} could not be used; see above"
-        )
+        raise MotionError(f"{unused(skipped, files)}; see above")
     return reports
 
 

@@ -53,6 +53,8 @@ __all__ = [
 # endings of what is read as a table
 _TABLES = (".csv", ".tsv", ".txt", ".npy")
 _LONGEST_MESSAGE = 800
+# motions of a file of which is said what is wrong
+_SHOWN = 3
 # values of one motion in two files differ by less (m, rad)
 _ROUNDING = 2e-3
 _LOGGER = logging.getLogger("plat.motions")
@@ -153,6 +155,10 @@ def read_motion_files(
     for path in tracked(paths, "reading motions", unit="files"):
         try:
             file = _read(path, options)
+            if file.broken:
+                errors.append(_left_out(file))
+                if strict:
+                    raise errors[-1]
             files.append(file if store is None else store(file))
         except MotionError as error:
             if strict or (path in listed and (skipped is None or len(paths) == 1)):
@@ -193,8 +199,8 @@ def load_motions(
     Formats: plat ``.npz``; tables (``.csv``) of root and joints, with or without names; the ``.npz`` of BeyondMimic,
     mjlab, holosoma, HDMI, SOMA, Kimodo, ARDY, loco-mujoco and Isaac Lab's AMP; the ``.pkl`` of GMR, TWIST2, ASAP and
     PBHC, whose code is not run; human ``.bvh``, ``.amc`` and joint positions in ``.npz``, retargeted. What was assumed
-    or detected is logged under ``plat.motions``, and listed in the ``notes`` of each clip. A bad file in a folder is
-    named in the log and skipped.
+    or detected is logged under ``plat.motions``, and listed in the ``notes`` of each clip. A bad file in a folder, and
+    a bad motion in a file of several, is named in the log and skipped.
 
     Args:
         patterns: a path, a folder, a glob, or several of these.
@@ -205,7 +211,7 @@ def load_motions(
         up: axis that points up in these files; by default what the motion shows.
         units: of lengths in these files; by default what the motion shows.
         angles: their unit in captures of humans; by default degrees, or what the file says and the motion shows.
-        strict: raise for a bad file in a folder or glob too, and read copies.
+        strict: raise for a bad file in a folder or glob too, and for a bad motion of several; read copies.
         store: is given each file as it was read, and returns it with its clips where they are kept, such as
             :class:`plat.motions.store.ClipStore`.
         say: is given what would be logged.
@@ -441,6 +447,14 @@ def _read(path: Path, options: ReadOptions) -> MotionFile:
         raise (UnfitRateError(told, path.parent) if isinstance(error, UnfitRateError) else MotionError(told)) from None
     except Exception as error:  # whatever a parser stumbles over: the file is broken
         raise MotionError(f"motion file {str(path)!r}: not a readable {ending} file ({_cut(error)})") from error
+
+
+def _left_out(file: MotionFile) -> MotionError:
+    """Return what is wrong with the motions of a file that were left out, in one line."""
+    count = len(file.broken)
+    told = f"{count} of {count + len(file.clips)} motions left out: {'; '.join(map(_cut, file.broken[:_SHOWN]))}"
+    more = f"; and {count - _SHOWN} more" if count > _SHOWN else ""
+    return MotionError(f"motion file {str(file.path)!r}: {told}{more}")
 
 
 def _cut(error: Exception) -> str:

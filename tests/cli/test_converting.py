@@ -1,5 +1,7 @@
 """``plat motions convert`` and ``mirror``."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -176,3 +178,17 @@ def test_cut_makes_clips_of_what_stands_between_jumps(tmp_path, capsys):
     assert sorted(clips) == ["bow", "jumping_c0", "jumping_c1"]
     np.testing.assert_allclose(clips["jumping_c0"].qpos, bowing_clip(60).qpos, atol=1e-5)
     assert "cut jumping, 2.4 s, into 2 clips of 1.2, 1.2 s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["inspect", "convert", "mirror"])
+def test_a_broken_motion_does_not_lose_the_others_of_its_file(command, tmp_path, capsys):
+    path, out = tmp_path / "a.npz", tmp_path / "out.npz"
+    save_motions(path, [replace(bowing_clip(), name=name) for name in "ab"])
+    arrays = dict(np.load(path))
+    arrays["a"][0, 7] = np.nan
+    np.savez(path, **arrays)
+    with pytest.raises(MotionError, match="^1 motion of 1 file could not be used; see above"):
+        run(command, path, *([] if command == "inspect" else ["--out", out]))
+    assert "1 of 2 motions left out: motion 'a': qpos[0, 7] is nan" in capsys.readouterr().out
+    if command != "inspect":
+        assert len(load_motions(out)) == 1

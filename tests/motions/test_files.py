@@ -512,3 +512,18 @@ def test_no_table_of_a_clip_replaces_that_of_another(tmp_path, clip):
                 save_csv(tmp_path, replace(clip, name=other))
         assert save_csv(tmp_path, replace(clip, name=first, qpos=clip.qpos[1:])) == path  # the same clip anew
         assert len(load_motions(path)[0].qpos) == len(clip.qpos) - 1
+
+
+def test_broken_motions_of_a_file_are_one_line(tmp_path, clip, caplog):
+    save_motions(tmp_path / "a.npz", [replace(clip, name=f"c{number}") for number in range(6)])
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    for number in range(1, 6):
+        arrays[f"c{number}"][0, 7] = np.nan
+    np.savez(tmp_path / "a.npz", **arrays)
+    assert [read.name for read in load_motions(tmp_path / "a.npz")] == ["c0"]
+    (line,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    reasons = "; ".join(f"motion 'c{number}': qpos[0, 7] is nan, expected a finite number" for number in (1, 2, 3))
+    told = f"motion file '{tmp_path / 'a.npz'}': 5 of 6 motions left out: {reasons}; and 2 more"
+    assert line == f"skipped: {told}"
+    with pytest.raises(MotionError, match=re.escape(told)):
+        load_motions(tmp_path / "a.npz", strict=True)

@@ -39,6 +39,7 @@ __all__ = [
     "check_rate",
     "make_clip",
     "number",
+    "of_motion",
     "strings",
 ]
 
@@ -101,6 +102,7 @@ class MotionFile:
         unheard: what may be stated of files, by its name in :class:`ReadOptions`, and says nothing about this one.
         marked: whether plat wrote it, so that nothing about it is to be guessed.
         rate_fits: whether its frame rate was assumed, and its motion fits that.
+        broken: motions of it that were left out: what is wrong with each.
     """
 
     path: Path
@@ -110,6 +112,7 @@ class MotionFile:
     unheard: tuple[str, ...] = ()
     marked: bool = False
     rate_fits: bool = False
+    broken: tuple[MotionError, ...] = ()
 
     @property
     def facts(self) -> str:
@@ -205,6 +208,12 @@ def make_clip(
     found = (*quat.notes, *angles.notes, *upright.notes, *place.notes)
     qpos = np.concatenate((place.values, turned.values, angles.values), 1)
     return MotionClip(name, qpos, fps, tuple(dict.fromkeys((*notes, *found))), place.doubt).checked(robot)
+
+
+def of_motion(name: str, error: MotionError) -> MotionError:
+    """Return an error with the name of the motion that it is of before it, as a clip's own check has it."""
+    named = f"motion {name!r}: "
+    return error if str(error).startswith(named) else MotionError(f"{named}{error}")
 
 
 def check_rate(fps: float) -> None:

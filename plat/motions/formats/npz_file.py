@@ -16,7 +16,16 @@ from plat.motions.clip import ASSUMED_RATE, MotionClip
 from plat.motions.formats.archive import read_archive, states_rate, take_rate, take_rates
 from plat.motions.formats.clock import contradicting_name, evenly_timed, stated_rates, times_of_fields
 from plat.motions.formats.columns import is_pose, place_first
-from plat.motions.formats.common import MotionFile, QuatOrder, ReadOptions, arrange_joints, make_clip, number, strings
+from plat.motions.formats.common import (
+    MotionFile,
+    QuatOrder,
+    ReadOptions,
+    arrange_joints,
+    make_clip,
+    number,
+    of_motion,
+    strings,
+)
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
 from plat.motions.formats.joint_columns import is_root, listed_joints, texts
 from plat.motions.formats.joint_orders import in_robot_order
@@ -299,15 +308,23 @@ def _read(
     fitting = {name: array for name, array in fitting.items() if name not in empty}
     # a file has one convention: where some of its clips raise no doubt, the others are not looked at
     some = [] if marked else [*fitting][:: max(1, len(fitting) // _EXAMINED)]
-    looked_at = {name: _clip(labels[name], name, fitting[name], fps, names, options) for name in some}
-    doubtful = any(clip.notes for clip in looked_at.values())
-    clips = [
-        looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful, marked)
-        for name, qpos in fitting.items()
-    ]
+    looked_at: dict[str, MotionClip] = {}
+    for name in some:
+        with contextlib.suppress(MotionError):
+            looked_at[name] = _clip(labels[name], name, fitting[name], fps, names, options)
+    doubtful = len(looked_at) < len(some) or any(clip.notes for clip in looked_at.values())
+    clips, broken = [], []
+    for name, qpos in fitting.items():
+        try:
+            found = looked_at.get(name) or _clip(labels[name], name, qpos, fps, names, options, doubtful, marked)
+            clips.append(found)
+        except MotionError as error:
+            broken.append(of_motion(labels[name], error) if len(fitting) > 1 else error)
+    if not clips:
+        raise broken[0]
     notes = [f"{counted(len(left_out), 'other array')} left out ({', '.join(left_out[:3])})"] if left_out else []
     notes += [f"left out, with less than {_LEAST_FRAMES} frames: {', '.join(empty[:3])}"] if empty else []
-    return MotionFile(path, "plat npz", clips, tuple(notes))
+    return MotionFile(path, "plat npz", clips, tuple(notes), broken=tuple(broken))
 
 
 def _of_batch(qpos: np.ndarray) -> dict[str, np.ndarray]:

@@ -28,6 +28,7 @@ from plat.motions.formats.common import (
     ReadOptions,
     arrange_joints,
     make_clip,
+    of_motion,
     strings,
 )
 from plat.motions.formats.decompress import check_numbers, decompress
@@ -100,13 +101,17 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
         raise MotionError(f"it names {len(motions)} motions, expected at least {_LEAST_BYTES} bytes for each")
     read: dict[Any, _Motion] = {}
 
+    broken: list[MotionError] = []
+
     @contextmanager
-    def naming(name: Any) -> Iterator[None]:
+    def apart(name: Any, refused: bool = False) -> Iterator[None]:
         try:
             yield
         except MotionError as error:
-            named = single or str(error).startswith(f"motion {str(name)!r}: ")  # as a clip's own check does
-            raise error if named else MotionError(f"motion {name!r}: {error}") from None
+            told = error if single else of_motion(str(name), error)
+            if refused:
+                raise told from None
+            broken.append(told)
 
     # a file may name one array a thousand times: what is read must not be larger than what is there
     spare = size
@@ -116,28 +121,29 @@ def read_fields(path: Path, content: Any, options: ReadOptions, packed: int, siz
             raise MotionError(f"entry {name!r:.60} is a {type(fields).__name__}, expected a dictionary of a motion")
         numbers += sum(map(_count, fields.values()))
         check_numbers(numbers, packed)
-        with naming(name):
+        with apart(name):
             refuse_human_body([field for field in fields if isinstance(field, str)])
             read[name] = _Motion.of(path, str(name), fields, options)
     short = [name for name, motion in read.items() if motion.joint_pos.ndim == 2 and len(motion.joint_pos) < 2]
     if len(short) < len(read):  # else the check of a clip says what is wrong
         read = {name: motion for name, motion in read.items() if name not in short}
-    layouts = _layouts(read, naming)
     clips, orders = [], set[str]()
-    for name, motion in read.items():
-        with naming(name):
-            clip, order = motion.clip(layouts[name])
-        spare -= clip.qpos.nbytes // 4
+    for name, layout in _layouts(read, apart).items():
+        with apart(name):
+            clip, order = read[name].clip(layout)
+            clips.append(clip)
+            orders.add(order)
+            spare -= clip.qpos.nbytes // 4
         if spare < 0:
             raise MotionError("its motions are larger than the file")
-        clips.append(clip)
-        orders.add(order)
+    if not clips:
+        raise broken[0]
     kind = next(kind for kind, field in _KINDS.items() if any(field in fields for fields in (*motions.values(), [""])))
     unheard = () if any(motion.options is options for motion in read.values()) else ("quat_order",)
     notes = [f"quaternion {'/'.join(sorted(orders))}"]
     if short:
         notes.append(f"left out, with less than 2 frames: {', '.join(map(str, short[:3]))}")
-    return MotionFile(path, kind, clips, tuple(notes), unheard)
+    return MotionFile(path, kind, clips, tuple(notes), unheard, broken=tuple(broken))
 
 
 @dataclass(frozen=True)
@@ -244,9 +250,13 @@ class _Motion:
 
 
 def _layouts(
-    motions: Mapping[Any, _Motion], naming: Callable[[Any], AbstractContextManager[None]]
+    motions: Mapping[Any, _Motion], apart: Callable[..., AbstractContextManager[None]]
 ) -> dict[Any, _Layout | None]:
-    """Return the layout of every motion of a file; one that leaves it open has that of the others, if these agree.
+    """Return the layout of the motions of a file; one that leaves it open has that of the others, if these agree.
+
+    Args:
+        motions: by name.
+        apart: takes the error of a motion that is broken, and raises that of one that is ``refused``.
 
     Raises:
         MotionError: for the first motion that leaves its layout open, where the others do not tell either.
@@ -254,7 +264,7 @@ def _layouts(
     layouts: dict[Any, _Layout | None] = {}
     doubts: dict[Any, JointOrderError] = {}
     for key, motion in motions.items():
-        with naming(key):
+        with apart(key):
             try:
                 layouts[key] = motion.layout()
             except JointOrderError as error:
@@ -268,9 +278,9 @@ def _layouts(
             assumed = f"which {count} joints it has assumed, as ASAP and PBHC have them: its poses leave it open"
             layouts[key] = _Layout(tuple(without_wrists(robot)), (assumed,))
         else:
-            with naming(key):
+            with apart(key, refused=True):
                 raise doubt
-    return layouts
+    return {key: layouts[key] for key in motions if key in layouts}
 
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:

@@ -636,3 +636,17 @@ def test_an_archive_of_a_newer_plat_is_refused(tmp_path, mark, told):
     np.savez(tmp_path / "own.npz", **{**arrays, "plat_motions": np.int64(mark)})
     with pytest.raises(MotionError, match=rf"own.npz'.*version \('plat_motions'\) {told}"):
         load_motions(tmp_path / "own.npz")
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_broken_motion_of_several_is_left_out(tmp_path, marked):
+    clips = [replace(bowing_clip(), name=name) for name in "abc"]
+    save_motions(tmp_path / "a.npz", clips)
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    if not marked:
+        del arrays["plat_motions"]
+    arrays["a"][2, 9] = np.inf
+    np.savez(tmp_path / "a.npz", **arrays)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    assert [clip.name for clip in file.clips] == ["b", "c"]
+    assert list(map(str, file.broken)) == ["motion 'a': qpos[2, 9] is inf, expected a finite number"]

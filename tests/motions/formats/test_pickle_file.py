@@ -371,3 +371,21 @@ def test_uneven_times_of_a_pickle_are_made_even(tmp_path):
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(fields))
     (file,) = read_motion_files(tmp_path / "a.pkl")
     assert "frames 0.02 to 0.035 s apart, resampled to even ones" in file.facts
+
+
+@pytest.mark.parametrize("joints", [29, 23])
+def test_a_broken_motion_of_several_is_left_out(tmp_path, joints):
+    fields = {name: gmr_fields(bowing_clip()) for name in ("a", "b", "c")}
+    if joints == 23:
+        for motion in fields.values():
+            motion["dof_pos"] = motion["dof_pos"][:, ["wrist" not in name for name in G1.joint_names]]
+    fields["a"]["dof_pos"][3, 4] = np.nan
+    del fields["b"]["root_rot"]
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps(fields))
+    (file,) = read_motion_files(path)
+    assert [clip.name for clip in file.clips] == ["c"]
+    assert sorted(str(error).partition(",")[0] for error in file.broken) == [
+        "motion 'a': qpos[3",
+        "motion 'b': no field 'root_rot' or 'root_quat' or 'base_quat'",
+    ]
