@@ -40,6 +40,7 @@ __all__ = [
     "make_clip",
     "number",
     "of_motion",
+    "other_angles",
     "strings",
 ]
 
@@ -214,6 +215,20 @@ def of_motion(name: str, error: MotionError) -> MotionError:
     """Return an error with the name of the motion that it is of before it, as a clip's own check has it."""
     named = f"motion {name!r}: "
     return error if str(error).startswith(named) else MotionError(f"{named}{error}")
+
+
+def other_angles(angles: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether joint angles ``[T, J]`` are those of another motion, in whatever order and unit both are.
+
+    >>> bent, turned = np.array([[0.1, 0.2], [0.1, 0.3]]), np.array([[0.2, 0.1], [0.3, 0.1]])
+    >>> other_angles(bent, turned), other_angles(bent, np.rad2deg(bent)), other_angles(bent, bent + 0.1)
+    (False, False, True)
+    """
+    if angles.shape != others.shape or {angles.dtype.kind, others.dtype.kind} - {*"fiu"}:
+        return False
+    one, other = np.sort(angles, axis=1), np.sort(others, axis=1)
+    units = ((one, other), (one, np.rad2deg(other)), (np.rad2deg(one), other))
+    return not any(np.allclose(*pair, rtol=1e-4, atol=1e-3, equal_nan=True) for pair in units)
 
 
 def check_rate(fps: float) -> None:

@@ -24,6 +24,7 @@ from plat.motions.formats.common import (
     make_clip,
     number,
     of_motion,
+    other_angles,
     strings,
 )
 from plat.motions.formats.foreign import refuse_human_body, refuse_old_arrays
@@ -127,6 +128,9 @@ def read_npz(path: Path, options: ReadOptions) -> MotionFile:
         file = read_kimodo(path, arrays, fps, options)
     elif "joint_pos" in arrays:
         file = read_tracker(path, arrays, fps, names, options)
+        qpos = arrays.get("qpos")
+        if qpos is not None and qpos.ndim == 2 and other_angles(file.clips[0].qpos[:, 7:], qpos[:, 7:]):
+            notes.append("'qpos' left out, which has another motion than 'joint_pos'")
     else:
         file = _clips(path, arrays, fps, names, options)
     clips = file.clips

@@ -29,6 +29,7 @@ from plat.motions.formats.common import (
     arrange_joints,
     make_clip,
     of_motion,
+    other_angles,
     strings,
 )
 from plat.motions.formats.decompress import check_numbers, decompress
@@ -169,6 +170,7 @@ class _Motion:
         times: of its frames, none or one ``[T]``.
         stated: order of the quaternion by the options or the format.
         options: what the user says.
+        notes: on its fields.
     """
 
     path: Path
@@ -181,12 +183,14 @@ class _Motion:
     times: list[np.ndarray]
     stated: QuatOrder
     options: ReadOptions
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, path: Path, name: str, fields: dict[str, Any], options: ReadOptions) -> "_Motion":
         fields = _renamed(fields)
         if _of_rotation_vectors(fields):  # whose quaternion is made here
             options = replace(options, quat_order=None)
+        beside = {name: _array(fields, (name,)) for name in _JOINT_POS if name in fields} if "qpos" in fields else {}
         fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
@@ -197,7 +201,12 @@ class _Motion:
         plain = _unwrapped(fields) if options.fps is None else {}
         times = [*times_of_fields(plain).values()][:1]
         order = options.quat_order or usual
-        return cls(path, name, root_pos, root_quat, joint_pos, names, rates, times, order, options)
+        notes = [
+            f"{field!r} left out, which has another motion than 'qpos'"
+            for field, angles in beside.items()
+            if other_angles(joint_pos, angles)
+        ]
+        return cls(path, name, root_pos, root_quat, joint_pos, names, rates, times, order, options, tuple(notes))
 
     def layout(self) -> _Layout | None:
         """Return what the joints without names are by the poses they make; None where names or their number say it.
@@ -230,7 +239,7 @@ class _Motion:
             names, notes = [name for name in robot.joint_names if name in layout.joints], layout.notes
             joint_pos = joint_pos[:, [layout.joints.index(name) for name in names]]
         joint_pos, more = arrange_joints(joint_pos, names, robot, _FIELD)
-        notes = (*more, *notes)
+        notes = (*self.notes, *more, *notes)
         as_stated = clip = self._read(joint_pos, order, notes)
         if self.options.quat_order is None:
             order, doubts = settle_quat_order(

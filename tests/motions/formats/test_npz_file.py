@@ -650,3 +650,14 @@ def test_a_broken_motion_of_several_is_left_out(tmp_path, marked):
     (file,) = read_motion_files(tmp_path / "a.npz")
     assert [clip.name for clip in file.clips] == ["b", "c"]
     assert list(map(str, file.broken)) == ["motion 'a': qpos[2, 9] is inf, expected a finite number"]
+
+
+@pytest.mark.parametrize("agree", [True, False])
+def test_a_qpos_that_contradicts_the_joints_is_told(tmp_path, agree):
+    clip = bowing_clip()
+    qpos = clip.qpos if agree else clip.qpos + 0.1
+    parts = {"root_pos": clip.qpos[:, :3], "root_quat": clip.qpos[:, 3:7], "joint_pos": clip.qpos[:, 7:]}
+    np.savez(tmp_path / "a.npz", qpos=qpos, fps=50, joint_names=G1.joint_names, **parts)
+    (file,) = read_motion_files(tmp_path / "a.npz")
+    np.testing.assert_allclose(file.clips[0].qpos, clip.qpos, atol=1e-6)
+    assert ("'qpos' left out, which has another motion than 'joint_pos'" in file.notes) != agree

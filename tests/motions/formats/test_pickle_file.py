@@ -389,3 +389,13 @@ def test_a_broken_motion_of_several_is_left_out(tmp_path, joints):
         "motion 'a': qpos[3",
         "motion 'b': no field 'root_rot' or 'root_quat' or 'base_quat'",
     ]
+
+
+@pytest.mark.parametrize("agree", [True, False])
+def test_joints_that_contradict_qpos_are_told(tmp_path, agree):
+    clip = bowing_clip()
+    other = clip.qpos[:, 7:] if agree else clip.qpos[::-1, 7:] + 0.1
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"qpos": clip.qpos, "dof_pos": other, "fps": 50}))
+    (read,) = load_motions(tmp_path / "a.pkl")
+    np.testing.assert_allclose(read.qpos, clip.qpos, atol=1e-6)
+    assert ("'dof_pos' left out, which has another motion than 'qpos'" in read.notes) != agree
