@@ -131,7 +131,12 @@ def read_tracker(
     order: QuatOrder = options.quat_order or ("xyzw" if _scalar_last(arrays) else "wxyz")
     recorded = Recorded.of(bodies, arrays, robot) if usable and bodies is not None else None
     if recorded is not None:
-        order, names, notes, fits = _fit(recorded, root_pos, root_quat, joint_pos, order, stated, options)
+        roots = [(root_pos, root_quat)]
+        if fields[0].startswith("body_pos_w") and "body_names" not in arrays and bodies is not None:
+            roots += zip(bodies.swapaxes(0, 1), arrays["body_quat_w"].swapaxes(0, 1), strict=True)
+        (root_pos, root_quat), (order, names, notes, fits) = _fit_root(
+            recorded, roots, joint_pos, order, stated, options
+        )
     elif names is None and "root_pos" in arrays and joint_pos.shape[1] == robot.num_joints:
         # fields as of a pickle of GMR: the robot's order, unless the motion shows another
         def read(joints: np.ndarray) -> np.ndarray:
@@ -234,6 +239,33 @@ def _some(frames: int) -> np.ndarray:
 def _scalar_last(arrays: dict[str, np.ndarray]) -> bool:
     first = arrays.get("scalar_first")
     return first is not None and first.size == 1 and not bool(first.item())
+
+
+def _fit_root(
+    recorded: "Recorded",
+    roots: Sequence[tuple[np.ndarray, np.ndarray]],
+    joint_pos: np.ndarray,
+    order: QuatOrder,
+    names: list[str] | None,
+    options: ReadOptions,
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[QuatOrder, list[str], list[str], bool]]:
+    """Return the root that leads to the recorded bodies, and what :func:`_fit` makes of it; else of the first one.
+
+    Args:
+        recorded: bodies in the world.
+        roots: what may be the root: the usual one, and where no names tell it all bodies, each with its quaternion.
+        joint_pos: angles ``[T, n]``.
+        order: of quaternions, as stated.
+        names: of the joints, where the file has them.
+        options: what the user says.
+    """
+    for number, root in enumerate(roots):
+        with contextlib.suppress(MotionError):
+            order_of, joints, notes, fits = _fit(recorded, *root, joint_pos, order, names, options)
+            if fits:
+                told = [f"body {number - 1} is the root: it leads to the others"] if number else []
+                return root, (order_of, joints, [*notes, *told], fits)
+    return roots[0], _fit(recorded, *roots[0], joint_pos, order, names, options)
 
 
 def _fit(

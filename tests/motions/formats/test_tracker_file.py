@@ -121,3 +121,24 @@ def test_places_of_bodies_that_are_no_numbers_are_said_where_they_are_needed(tmp
         MotionError, match="'body_pos_w' has places that are not finite, expected numbers, or 'joint_na"
     ):
         read(tmp_path / "a.npz", broken)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_torso_before_the_root_is_no_root(tmp_path, named):
+    clip = bowing_clip(heading=0.7)
+    pos, quat = body_poses(clip)
+    torso = G1.keypoints.index("torso_link")
+    listed = [torso, *(n for n in range(len(G1.keypoints)) if n != torso)]
+    names = {"joint_names": G1.joint_names} if named else {}
+    file = read(
+        tmp_path / "a.npz",
+        {
+            "fps": 50,
+            "joint_pos": clip.qpos[:, 7:],
+            "body_pos_w": pos[:, listed],
+            "body_quat_w": quat[:, listed],
+            **names,
+        },
+    )
+    np.testing.assert_allclose(qpos_of(file), clip.qpos, atol=1e-5)
+    assert "body 1 is the root: it leads to the others" in file.notes
