@@ -22,7 +22,7 @@ from plat.motions.formats.spellings import (
 )
 from plat.motions.formats.text_tables import Table
 from plat.motions.formats.turns import EULER, euler_to_quat, turns_of_three
-from plat.motions.formats.units import Units, must_be_radians
+from plat.motions.formats.units import METERS, Units, must_be_radians
 from plat.motions.formats.unnamed_joints import OPTIONAL, without_wrists
 from plat.robots.robot import Robot
 from plat.words import counted
@@ -151,8 +151,8 @@ def _by_name(
     stated = stating([table.header[n] for n in joints], said.joints)
     angles, more = _in_radians(values[:, joints], stated, [names], robot, seed)
     notes += more
-    units = stated_length(stating([table.header[n] for n in place], said.length))
-    return TableColumns(values[:, place], quat, angles, names, order, times, seed, tuple(notes), told, turns, units)  # type: ignore[arg-type]
+    at, units = _in_one_unit(values[:, place], stating([table.header[n] for n in place], said.length))
+    return TableColumns(at, quat, angles, names, order, times, seed, tuple(notes), told, turns, units)  # type: ignore[arg-type]
 
 
 def _in_radians(
@@ -251,14 +251,22 @@ def _by_place(
     _refuse_empty(table, columns)
     header = [table.header[n] if table.header else "" for n in columns]
     said = units_in_comments(table.comments)
-    units = stated_length(stating(header[:3], said.length))
+    place, units = _in_one_unit(values[:, :3], stating(header[:3], said.length))
     orders = [
         [name for name in listed if joints == robot.num_joints or "wrist" not in name]
         for listed in (robot.joint_names, *usual_orders(robot).values())
     ]
     angles, found = _in_radians(values[:, 7:], stating(header[7:], said.joints), orders, robot)
     notes += found
-    return TableColumns(values[:, :3], values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
+    return TableColumns(place, values[:, 3:7], angles, names, order, times, notes=tuple(notes), units=units)
+
+
+def _in_one_unit(place: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, Units | None]:
+    """Return places ``[T, 3]`` and the unit that the names of their columns state: meters where each has another."""
+    stated = [stated_length([name]) for name in names]
+    if None in stated or len(set(stated)) == 1:
+        return place, stated_length(names)
+    return place * [METERS[unit] for unit in stated if unit is not None], "m"
 
 
 def _refuse_empty(table: Table, columns: Sequence[int]) -> None:

@@ -622,3 +622,10 @@ def test_short_quaternions_at_a_place_that_looks_like_one_stay_where_they_are():
     assert np.abs(np.linalg.norm(rows[:, :4], axis=1) - 1).max() < 0.01
     assert place_first(rows)[1] == []
     assert place_first(rows[:, [4, 5, 6, 0, 1, 2, 3, *range(7, 36)]])[1] == []
+
+
+def test_each_column_of_the_root_may_have_its_unit(tmp_path):
+    clip = bowing_clip()
+    header = [*with_units("cm")[:2], *with_units("mm")[2:]]
+    write_table(tmp_path / "a_50fps.csv", clip.qpos * [100, 100, 1000, *[1] * 33], header)
+    np.testing.assert_allclose(load_motions(tmp_path / "a_50fps.csv")[0].qpos, clip.qpos, atol=1e-5)
