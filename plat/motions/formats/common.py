@@ -228,7 +228,7 @@ def other_angles(angles: np.ndarray, others: np.ndarray) -> bool:
         return False
     one, other = np.sort(angles, axis=1), np.sort(others, axis=1)
     units = ((one, other), (one, np.rad2deg(other)), (np.rad2deg(one), other))
-    return not any(np.allclose(*pair, rtol=1e-4, atol=1e-3, equal_nan=True) for pair in units)
+    return not any(np.allclose(a, b, rtol=1e-4, atol=1e-3, equal_nan=True) for a, b in units)
 
 
 def check_rate(fps: float) -> None:
