@@ -32,10 +32,15 @@ def _words(text: str) -> frozenset[str]:
 # words that say no more than that a column is the position of a joint, and what stands before Unitree's own names
 _NOISE = _words(
     "joint joints state states dof dofs pos position positions q qpos angle angles rad radian radians deg degrees leg "
-    "arm k"
+    "arm k observation"
 )
+# what LeRobot puts before the names of a state, and its numbers of what a frame is part of
+_STATE = _words("observation state")
+_PARTS = (_words("episode index"), _words("task index"))
 _ROOT = _words("root base pelvis body free freejoint floating world global torso trunk link odom odometry pose")
-_DERIVED = _words("vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current")
+_DERIVED = _words(
+    "vel velocity velocities qvel speed acc acceleration tau torque torques force contact effort current action"
+)
 _PLACE = _words("pos position trans translation translate t p location xyz")
 _TURN = _words("quat quaternion q rot rotation rotate orientation orient ori r euler angle")
 # words of the names of whole arrays
@@ -235,7 +240,7 @@ def classify_columns(header: Sequence[str], robot: Robot) -> list[Column]:
     for name, row in zip(header, words, strict=True):
         joint = match_joint(name, robot)
         place, part = _root_part(row)
-        if set(row) & _DERIVED:
+        if set(row) & _DERIVED or set(row) in _PARTS:
             columns.append(Column("derived"))
         elif joint is not None:
             columns.append(Column("joint", joint))
@@ -270,7 +275,7 @@ def _is_count(words: set[str]) -> bool:
 
 def _root_part(words: tuple[str, ...]) -> tuple[str, str]:
     """Return ``place`` or ``turn`` and the axis, for the name of a column of the root; else two empty texts."""
-    rest = [word for word in words if word not in _ROOT | _UNITS]
+    rest = [word for word in words if word not in _ROOT | _UNITS | _STATE]
     if rest and (fused := _FUSED.fullmatch(rest[-1])):
         rest[-1:] = fused.groups()
     if not rest:

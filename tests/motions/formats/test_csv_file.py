@@ -629,3 +629,28 @@ def test_each_column_of_the_root_may_have_its_unit(tmp_path):
     header = [*with_units("cm")[:2], *with_units("mm")[2:]]
     write_table(tmp_path / "a_50fps.csv", clip.qpos * [100, 100, 1000, *[1] * 33], header)
     np.testing.assert_allclose(load_motions(tmp_path / "a_50fps.csv")[0].qpos, clip.qpos, atol=1e-5)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_state_as_lerobot_names_it(tmp_path, named):
+    clip = bowing_clip()
+    names = (*NAMES[:7], *G1.joint_names) if named else map(str, range(36))
+    header = [
+        "episode_index",
+        "frame_index",
+        "timestamp",
+        "task_index",
+        *(f"observation.state.{name}" for name in names),
+    ]
+    frames = np.arange(len(clip.qpos))
+    before = np.stack((0 * frames, frames, frames / 50, 0 * frames), 1)
+    header += [f"action.{name}" for name in (G1.joint_names if named else range(29))]
+    values = np.hstack((before, clip.qpos, clip.qpos[:, 7:] + 0.1))
+    write_table(tmp_path / "a.csv", values, header)
+    (read,) = load_motions(tmp_path / "a.csv", quat_order="wxyz")
+    np.testing.assert_allclose(read.qpos, clip.qpos, atol=1e-6)
+    assert read.fps == 50
+    values[20:, 0] = 1
+    write_table(tmp_path / "a.csv", values, header)
+    with pytest.raises(MotionError, match="are these several motions"):
+        load_motions(tmp_path / "a.csv", quat_order="wxyz")
