@@ -1,8 +1,9 @@
 """Make motions from human motion capture, and draw maps of skeletons: ``plat motions retarget`` and ``map``."""
 
 import itertools
+import re
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from plat.cli.motion_files import SHORTEST, at_rate, common_rate, distinct_names, long_enough
@@ -113,8 +114,9 @@ def retarget(command: Retarget) -> list[Retargeted]:
 
 
 def _of_this(told: str) -> str:
-    """Return a line with the options that it names as those of this command, which has them too."""
-    return told.replace("plat motions convert --", "plat motions retarget --")
+    """Return a line with the options that it names as those of this command, where it has them too."""
+    own = "|".join(field.name.replace("_", "-") for field in fields(Retarget))
+    return re.sub(rf"motions convert (?=--({own})\b)", "motions retarget ", told)
 
 
 def _propose(path: Path, skeleton: SkeletonMap) -> Path:

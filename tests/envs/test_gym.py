@@ -217,7 +217,7 @@ def test_vector_form():
     [
         ({"device": "nope"}, "device 'nope': not on this machine"),
         ({"task": KeyframeTaskConfig(partial=0.5)}, "task.partial: .* expected also="),
-        ({"task": 0.5}, "config is 0.5, expected a DistillationTaskConfig"),
+        ({"task": 0.5}, "config is 0.5, expected a KeyframeTaskConfig or a DistillationTaskConfig"),
         ({"timing": 0.02}, "timing is 0.02, expected a Timing"),
         ({"horizon": ["short"]}, r"horizon is \['short'\], expected one of: single"),
         ({"also": 5}, r"also is 5, expected some of \('parts', 'clock'\)"),

@@ -360,7 +360,9 @@ def test_a_robot_that_has_walked_away_is_seen_when_it_stops(user):
     user.begin()
     ahead = G1.default_qpos + 0.6 * np.eye(36)[0]
     user.studio._desk.ask(lambda: session.edit(session.timeline.inserted(ahead, 1.0)))
-    user.key("Home", "Space")
+    user.key("Home")
+    user.until(lambda: playback.cursor == 0.0)  # the keyframe that was added is at 1 s
+    user.key("Space")
     user.until(lambda: playback.cursor > 0.8)
     user.key("Space")
     user.until(lambda: playback.paused)
