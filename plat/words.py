@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 
-__all__ = ["beyond", "counted", "in_cell", "in_table", "percent", "perhaps"]
+__all__ = ["beyond", "counted", "in_cell", "in_table", "no_command", "percent", "perhaps"]
 
 
 def beyond(value: float, limit: float, digits: int = 2) -> str:
@@ -81,3 +81,14 @@ def perhaps(name: object, known: Iterable[str]) -> str:
     """
     near = get_close_matches(str(name), list(known), n=1)
     return f", perhaps {near[0]!r}" if near else ""
+
+
+def no_command(name: str, program: str, known: Iterable[str]) -> str:
+    """Return in words that a program has no such command, with those that it has and the nearest of them.
+
+    >>> no_command("evalute", "plat", ["evaluate", "play"])
+    "'evalute' is no command of plat, expected one of evaluate, play, perhaps 'evaluate'; see plat --help"
+    """
+    names = list(known)
+    expected = f"{', '.join(names)}{perhaps(name, names)}"
+    return f"{name!r} is no command of {program}, expected one of {expected}; see {program} --help"

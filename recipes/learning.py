@@ -102,9 +102,7 @@ def learn(
         reference_updates=reference_updates,
         overlap=recipe.overlap,
     )
-    replay = RolloutReplay(
-        recipe.num_envs, _multiple(recipe.replay, recipe.rollout), ["robot_state", "memory", "action"], device
-    )
+    replay = RolloutReplay(recipe.num_envs, recipe.kept_steps, ["robot_state", "memory", "action"], device)
     budget = Budget(recipe.minutes, recipe.steps)
     workers = max(recipe.workers, int(recipe.overlap))
     source = collect(
@@ -274,8 +272,3 @@ def report_model_error(folder: Path, model: DynamicsModel, env: EnvBase, actor: 
         save_figure(model_error_plot(errors), folder / "model_error")
     except RenderingError as error:
         print(f"no figure of the model's error: {error}")
-
-
-def _multiple(steps: int, rollout: int) -> int:
-    """The next multiple of a rollout's length."""
-    return -(-steps // rollout) * rollout

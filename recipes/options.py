@@ -292,13 +292,18 @@ class ImaginationRecipe(RecipeConfig):
         given = {name: settings[name] for name in Rates._fields if name in settings}
         return ImaginationConfig(**given).rates(model=self.init_model is not None, policy=self.goes_on())
 
+    @property
+    def kept_steps(self) -> int:
+        """Return the control steps of each robot that the replay buffer holds: whole rollouts, at least ``replay``."""
+        return -(-self.replay // self.rollout) * self.rollout
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.overlap and self.physics == "warp":
             what = f"{type(self).__name__}: overlap is True, and physics 'warp' is on one device"
             raise ConfigError(f"{what}: expected overlap to be False")
         settings = self.imagination
-        kept = -(-self.replay // self.rollout) * self.rollout
+        kept = self.kept_steps
         if settings.window >= kept:  # a window begins with a state more
             what = f"{type(self).__name__}: imagination.window is {settings.window}"
             raise ConfigError(f"{what}, expected less than the {kept} steps of replay")

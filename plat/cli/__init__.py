@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from plat.streams import standard_streams
-from plat.words import perhaps
+from plat.words import no_command
 
 __all__ = ["COMMANDS", "Subcommand", "main"]
 
@@ -159,8 +159,7 @@ def _run(words: Sequence[str]) -> None:
         print(f"plat {__version__}")
         return
     if name not in COMMANDS:
-        near = perhaps(name, COMMANDS)
-        sys.exit(f"error: {name!r} is no command of plat, expected one of {', '.join(COMMANDS)}{near}; see plat --help")
+        sys.exit(f"error: {no_command(name, 'plat', COMMANDS)}")
     try:
         os.getcwd()
     except FileNotFoundError:

@@ -17,7 +17,6 @@ from plat.cli.options import Around, ConvertKeyframes, FromMotion, KeyframesComm
 from plat.cli.together import check_effect
 from plat.control import Feasibility, Simulator, lead_around
 from plat.control.chase import check_start
-from plat.control.simulator import PHYSICS_STEPS
 from plat.errors import KeyframeError
 from plat.files import check_file, keep_sources
 from plat.keyframes import Keyframe, KeyframeSequence, standing
@@ -98,16 +97,16 @@ def show(command: Show) -> KeyframeSequence:
         if not keyframe.whole:
             print(f"     commands {_words(parts, robot)}")
         before, step = keyframe, arrival
-    control_dt = sequence.timing.control_dt
+    feasibility = Feasibility(robot)
     try:
-        check_start(sequence, Simulator(robot.model(timestep=control_dt / PHYSICS_STEPS), control_dt), command.file)
+        check_start(sequence, Simulator.of(robot, sequence.timing.control_dt), command.file)
     except KeyframeError as error:
         print(error)  # what is looked at may be as it is
     else:
-        if concerns := Feasibility(robot)(sequence.start, sequence.start.at(1.0), held=True):
+        if concerns := feasibility(sequence.start, sequence.start.at(1.0), held=True):
             print(f"a robot at rest cannot stay in the start: {'; '.join(map(str, concerns))}")
     lengths = [after - before for before, after in pairwise((0, *sequence.arrival_steps))]
-    for index, concerns in enumerate(Feasibility(robot).sequence(sequence)):
+    for index, concerns in enumerate(feasibility.sequence(sequence)):
         if concerns:
             way = any(concern.measure == "way_penetration" for concern in concerns)
             room = lengths[index] > 1 and not command.split

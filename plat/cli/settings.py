@@ -19,7 +19,7 @@ from plat.cli.compact import registry
 from plat.errors import PlatError
 from plat.runs.recipe import report_errors
 from plat.streams import ReaderLeft
-from plat.words import perhaps
+from plat.words import no_command
 
 __all__ = ["parse", "run"]
 
@@ -63,8 +63,7 @@ def parse(kind: Any, args: Sequence[str] | None = None, prog: str | None = None)
     if args and not args[0].startswith("-") and not dataclasses.is_dataclass(kind):
         known = re.findall(r"[\w-]+", _complaint(kind, [], prog, options).partition("{")[2].partition("}")[0])
         if args[0] not in known:
-            expected = f"{', '.join(known)}{perhaps(args[0], known)}"
-            told = f"{args[0]!r} is no command of {prog}, expected one of {expected}; see {prog or 'plat'} --help"
+            told = no_command(args[0], prog or "plat", known)
     sys.exit(f"error: {in_flags(told)}")
 
 

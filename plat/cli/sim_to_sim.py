@@ -24,7 +24,6 @@ from plat.control import (
 )
 from plat.control.changed_physics import Delayed, PhysicsSetting, make_model, physics_settings
 from plat.control.chase import check_parts_are_seen, check_start
-from plat.control.simulator import PHYSICS_STEPS
 from plat.deploy import PolicyRunner
 from plat.envs.transforms import CommandSchedule, Horizon
 from plat.errors import ActionError, BundleError, KeyframeError
@@ -52,7 +51,7 @@ def main(recipe: SimToSimRecipe) -> dict[str, list[KeyframeScore]]:
         raise BundleError(f"bundle {str(recipe.bundle)!r}: drives robot {runner.robot.name!r}, {expected}")
     timing = runner.timing
     sequences, long = [], []
-    still = Simulator(robot.model(timestep=timing.control_dt / PHYSICS_STEPS), timing.control_dt)
+    still = Simulator.of(robot, timing.control_dt)
     for path in recipe.keyframes:
         tell = lambda interval, path=path: long.append(f"{path}: {interval.words}")  # noqa: E731
         sequences.append(KeyframeSequence.load(path, robot, split=recipe.split, timing=timing, tell=tell))

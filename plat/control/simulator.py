@@ -1,6 +1,7 @@
 """Simulation of one position-controlled robot in MuJoCo."""
 
 from collections.abc import Callable
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ from plat.bounds import Positive, check_value
 from plat.deploy import Pose, RobotState
 from plat.deploy.state import finite_vector, root_of
 from plat.errors import ActionError, RobotError, StateError
+from plat.robots.robot import Robot
 from plat.spec.timing import Timing
 
 __all__ = ["PHYSICS_STEPS", "Simulator"]
@@ -46,6 +48,20 @@ class Simulator:
     >>> simulator.state().joint_pos.shape, round(simulator.data.time, 3)
     ((29,), 0.02)
     """
+
+    @classmethod
+    def of(cls, robot: Robot, control_dt: float) -> Self:
+        """Return the simulated robot with the physics steps of training, whatever its description says.
+
+        Args:
+            robot: the robot.
+            control_dt: seconds of a control step.
+
+        >>> from plat.robots import G1
+        >>> Simulator.of(G1, 0.02).substeps
+        4
+        """
+        return cls(robot.model(timestep=control_dt / PHYSICS_STEPS), control_dt)
 
     def __init__(self, model: mujoco.MjModel, control_dt: float = Timing.control_dt):
         check_value("simulator: model", model, mujoco.MjModel)

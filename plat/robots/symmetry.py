@@ -10,7 +10,7 @@ from plat.bounds import check_robot
 from plat.errors import RobotError
 from plat.robots.robot import Robot
 
-__all__ = ["MIRRORED_AXIS", "joint_symmetry", "joints_at_zero", "keypoint_symmetry"]
+__all__ = ["MIRRORED_AXIS", "joint_symmetry", "joints_at_zero", "keypoint_symmetry", "other_side"]
 
 MIRRORED_AXIS = np.array([-1.0, 1.0, -1.0])
 """Signs of an axis of rotation in the mirror."""
@@ -35,7 +35,7 @@ def joint_symmetry(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     ('right_hip_roll', np.float64(-1.0))
     """
     check_robot(robot)
-    names = [_other_side(name) for name in robot.joint_names]
+    names = [other_side(name) for name in robot.joint_names]
     if names == list(robot.joint_names):
         raise RobotError(f"robot {robot.name!r}: no joint is called left_... or right_..., so none can change sides")
     if set(names) != set(robot.joint_names):
@@ -89,17 +89,22 @@ def keypoint_symmetry(robot: Robot) -> np.ndarray:
     >>> len(keypoint_symmetry(G1))
     14
     """
-    names = [_other_side(name) for name in robot.keypoints]
+    names = [other_side(name) for name in robot.keypoints]
     if alone := sorted(set(names) - set(robot.keypoints)):
         raise RobotError(f"robot {robot.name!r}: keypoints without a partner {alone}")
     left, right = robot.feet
-    if _other_side(left) != right:  # its other keypoints would stay where they are as well
+    if other_side(left) != right:  # its other keypoints would stay where they are as well
         raise RobotError(
             f"robot {robot.name!r}: feet {left!r} and {right!r}, expected left_... and right_... to mirror"
         )
     return np.array([robot.keypoints.index(name) for name in names])
 
 
-def _other_side(name: str) -> str:
+def other_side(name: str) -> str:
+    """Return a name with left for right.
+
+    >>> other_side("left_knee"), other_side("waist_yaw")
+    ('right_knee', 'waist_yaw')
+    """
     swapped = {"left": "right", "right": "left"}
     return "_".join(swapped.get(word, word) for word in name.split("_"))

@@ -18,7 +18,6 @@ from plat.control import (
     StepErrors,
     mean_errors,
 )
-from plat.control.simulator import PHYSICS_STEPS
 from plat.keyframes import KeyframeSequence
 from plat.keyframes.roots import with_commanded_root
 from plat.robots.robot import Robot
@@ -145,8 +144,7 @@ class Player:
 
 def simulator(robot: Robot, controller: Controller) -> Simulator:
     """Return a simulated robot at the control step of a policy, with the physics that it was trained with."""
-    control_dt = controller.timing.control_dt
-    return Simulator(robot.model(timestep=control_dt / PHYSICS_STEPS), control_dt)
+    return Simulator.of(robot, controller.timing.control_dt)
 
 
 def chased(

@@ -7,7 +7,7 @@ import numpy as np
 from plat.errors import MotionError
 from plat.motions.checks.sides import EXCHANGED, apart
 from plat.robots.robot import Robot, without_side
-from plat.robots.symmetry import joints_at_zero
+from plat.robots.symmetry import joints_at_zero, other_side
 
 __all__ = [
     "JointOrderError",
@@ -192,8 +192,7 @@ def with_sides_exchanged(names: Sequence[str]) -> list[str]:
     >>> with_sides_exchanged(["left_knee", "waist_yaw"])
     ['right_knee', 'waist_yaw']
     """
-    other = {"left": "right", "right": "left"}
-    return ["_".join((other.get(side, side), *rest)) for side, *rest in (name.split("_", 1) for name in names)]
+    return [other_side(name) for name in names]
 
 
 def sides_are_exchanged(radians: np.ndarray, robot: Robot) -> bool:

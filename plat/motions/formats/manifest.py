@@ -12,6 +12,7 @@ import numpy as np
 
 from plat.errors import MotionError
 from plat.json_file import read_json
+from plat.motions.formats.joint_columns import texts
 
 __all__ = ["manifest_above", "stated_above"]
 
@@ -40,11 +41,7 @@ def stated_above(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.n
     if not isinstance(content, dict) or type(content.get("timestep")) not in (int, float):
         return {}
     stated = {"timestep": np.array(content["timestep"])}
-    names = content.get("qpos_names")
-    if isinstance(names, list) and len(names) == arrays["qpos"].shape[-1] > _ROOT and all(map(_is_text, names)):
+    names = texts(content.get("qpos_names"))
+    if names and len(names) == arrays["qpos"].shape[-1] > _ROOT:
         stated["joint_names"] = np.array(names[_ROOT:])
     return stated
-
-
-def _is_text(name: Any) -> bool:
-    return isinstance(name, str)

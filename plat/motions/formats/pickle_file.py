@@ -193,13 +193,13 @@ class _Motion:
         beside = {name: _array(fields, (name,)) for name in _JOINT_POS if name in fields} if "qpos" in fields else {}
         fields, usual = _with_parts(fields)
         root_pos, root_quat, joint_pos = (_array(fields, names) for names in (_ROOT_POS, _ROOT_QUAT, _JOINT_POS))
+        plain = _unwrapped(fields)
         listed = next((_unwrap(fields[key]) for key in _NAMES if key in fields), None)
         if listed is None and joint_pos.ndim == 2:
-            listed = listed_joints(_unwrapped(fields), (joint_pos.shape[1],), options.robot)
+            listed = listed_joints(plain, (joint_pos.shape[1],), options.robot)
         names = None if listed is None else strings(listed, "joint_names")
-        rates = _rates(path, fields) if options.fps is None else [(options.fps, STATED)]
-        plain = _unwrapped(fields) if options.fps is None else {}
-        times = [*times_of_fields(plain).values()][:1]
+        rates = _rates(path, plain) if options.fps is None else [(options.fps, STATED)]
+        times = [*times_of_fields(plain).values()][:1] if options.fps is None else []
         order = options.quat_order or usual
         notes = [
             f"{field!r} left out, which has another motion than 'qpos'"
@@ -401,7 +401,7 @@ def _is_single(value: Any) -> bool:
 
 
 def _rates(path: Path, fields: dict[str, Any]) -> list[StatedRate]:
-    rates = rates_of_fields(_unwrapped(fields))
+    rates = rates_of_fields(fields)
     rates = rates or distinct_rates(stated_rates(path, []))
     if not rates:
         raise MotionError("no field 'fps', expected the frames a second (or state them: plat motions convert --fps)")

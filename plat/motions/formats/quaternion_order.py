@@ -142,9 +142,10 @@ def settle_joint_order(
     robot = options.robot
     if not np.isfinite(joints).all():
         return list(robot.joint_names), []  # the clip's check tells where
-    found = likely_order(roughly_in_radians(joints), robot)
+    radians = roughly_in_radians(joints)
+    found = likely_order(radians, robot)
     listed, notes = found or _settle_depth(joints, read, options, quat_order)
-    if not sides_are_exchanged(roughly_in_radians(in_robot_order(joints, listed, robot)), robot):
+    if not sides_are_exchanged(in_robot_order(radians, listed, robot), robot):
         return listed, notes
     return with_sides_exchanged(listed), [
         *notes,
